@@ -1,37 +1,39 @@
-"""The long studies, one after the other: `python -m tests.claims [NAME ...]`, all without a name.
+"""The long studies, one after the other, each in a process of its own: `python -m tests.claims`.
 
-Each is a module of this folder with a function `main`, and writes `results/NAME.json`. Those that
-take long go on from what that file holds: delete it to run them anew. README is written at the end.
+`python -m tests.claims NAME` runs one, each a module of this folder with a `STUDY` (study.py): the
+cases that it has no rows of yet. `python -m tests.claims NAME LABEL ...` measures the cases with
+these labels anew. The pages that quote the results are written at the end (readme.py).
 """
 
-import ast
 import subprocess
 import sys
-from pathlib import Path
+from importlib import import_module
 
-HERE = Path(__file__).parent
+from tests.claims import readme
+from tests.claims.study import Study
 
-
-def studies() -> list[str]:
-    """The modules that define `main`, but for this one."""
-    return sorted(
-        path.stem
-        for path in HERE.glob("*.py")
-        if path != Path(__file__)
-        and any(getattr(node, "name", "") == "main" for node in ast.parse(path.read_text()).body)
-    )
+STUDIES = (
+    "clean_draws", "commands", "disturbances", "faults", "lab_cases", "layered_line",
+    "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "rig_bands", "rigs", "rules",
+    "screening",
+)  # fmt: skip
 
 
-def main(names: list[str]) -> None:
-    unknown = sorted(set(names) - set(studies()))
-    if unknown:
-        raise SystemExit(
-            f"There is no study {', '.join(unknown)}; there are {', '.join(studies())}."
-        )
-    for name in names or studies():
-        print(f"{name} ...", flush=True)
-        subprocess.run([sys.executable, "-m", f"tests.claims.{name}"], check=True)
-    subprocess.run([sys.executable, "-m", "tests.claims.readme"], check=True)
+def study(name: str) -> Study:
+    """The study of this name."""
+    if name not in STUDIES:
+        raise SystemExit(f"There is no study {name}; there are {', '.join(STUDIES)}.")
+    return import_module(f"tests.claims.{name}").STUDY
+
+
+def main(words: list[str]) -> None:
+    """Run one study, or all."""
+    if words:
+        study(words[0]).run(words[1:])
+        readme.write()
+        return
+    for name in STUDIES:
+        subprocess.run([sys.executable, "-m", "tests.claims", name], check=True)
 
 
 if __name__ == "__main__":

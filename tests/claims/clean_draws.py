@@ -1,9 +1,9 @@
-"""How often a clean scan is warned of: `python -m tests.claims.clean_draws` (minutes).
+"""How often a clean scan is warned of (minutes).
 
 Strips of random place, width, pressure and friction in noise as stated, scanned without any fault
-and inverted, or fitted, by every method of faults.py but those of a surface. Writes
-results/clean_draws.json: of each method the fraction of draws with any warning, of those whose
-warning is wrong, how often each is given, and what its bands cover.
+and inverted, or fitted, by every method of faults.py but those of a surface: of each the fraction
+of draws with any warning, of those whose warning is wrong, how often each is given, and what its
+bands cover.
 
 Friction near zero leaves hardly any q in the signal. That the signal explains less than half of a
 component's variance is right to say where the error found is that large: of these draws the
@@ -11,12 +11,10 @@ warning is not wrong.
 """
 
 import dataclasses
-import json
 import re
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import norm
@@ -24,10 +22,11 @@ from scipy.stats import norm
 from srsinv.inverse.diagnostics import LEAST_EXPLAINED
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.method import Method
+from srsinv.jobs.trials import Row
 from tests.claims.faults import METHODS, MethodOnScene, errors, fit_ratios, problem, ratios
 from tests.claims.faulty_scans import RIDGE_SCENE, SCENES, Rng, ScannedScene, scan
+from tests.claims.study import Study, combinations
 
-RESULTS = Path(__file__).parent / "results" / "clean_draws.json"
 DRAWS = 125  # of each of the eight methods: a thousand in all
 CELL_M = 1.5e-4  # five in a depth, for speed; by default they are eight
 BAND = 0.9
@@ -64,21 +63,20 @@ def scenes(count: int, elements: int) -> Iterator[tuple[ScannedScene, Rng]]:
         yield dataclasses.replace(usual, truth=truth, friction=friction), rng
 
 
-def drawn(tried: MethodOnScene, count: int = DRAWS) -> dict[str, Any]:
+def drawn(method: str, draws: int) -> Row:
     """One method over all draws."""
     words: Counter[str] = Counter()
-    every, method = [], None
-    for scene, rng in scenes(count, SCENES[tried.scene].elements):
-        method = tried.method(scene) if method is None else method
-        every.append(_answer(method, tried, scene, rng))
+    tried, every, made = CHEAP[method], [], None
+    for scene, rng in scenes(draws, SCENES[tried.scene].elements):
+        made = tried.method(scene) if made is None else made
+        every.append(_answer(made, tried, scene, rng))
         words.update({re.sub(r"\d[\d.e+-]*", "#", each)[:60] for each in every[-1].reasons})
     limit = norm.ppf((1 + BAND) / 2)
     inside = [np.mean(np.abs(each.ratios) <= limit) for each in every]
     return {
-        "draws": count,
-        "warned": sum(bool(each.reasons) for each in every) / count,
-        "warned_wrongly": sum(each.is_wrongly_warned for each in every) / count,
-        "coverage": round(float(np.mean(inside)), 4),
+        "warned": sum(bool(each.reasons) for each in every) / draws,
+        "warned_wrongly": sum(each.is_wrongly_warned for each in every) / draws,
+        "coverage": float(np.mean(inside)),
         "by_warning": dict(words.most_common()),
     }
 
@@ -95,18 +93,11 @@ def _answer(method: Method, tried: MethodOnScene, scene: ScannedScene, rng: Rng)
     return DrawOutcome(estimate.reasons, ratios(made, stated, estimate), "".join(large))
 
 
-def main() -> None:
-    """Measure and write, after each method."""
-    rows: dict[str, dict[str, Any]] = {}
-    for name, tried in CHEAP.items():
-        rows[name] = drawn(tried)
-        means = {
-            f"{name}_mean": float(np.mean([row[name] for row in rows.values()]))
-            for name in ("warned", "warned_wrongly")
-        }
-        record = {"band": BAND, **means, "rows": rows}
-        RESULTS.write_text(json.dumps(record, indent=1) + "\n")
+def summary(rows: list[Row]) -> Row:
+    """Means over the methods."""
+    names = "warned", "warned_wrongly"
+    means = {f"{name}_mean": float(np.mean([row[name] for row in rows])) for name in names}
+    return {"band": BAND, **means}
 
 
-if __name__ == "__main__":
-    main()
+STUDY = Study("clean_draws", drawn, lambda: combinations(method=CHEAP, draws=[DRAWS]), summary)

@@ -1,4 +1,4 @@
-"""What hum and drift cost an inversion: `python -m tests.claims.disturbances` (half an hour).
+"""What hum and drift cost an inversion (half an hour).
 
 Hum of 0.1, 1 and 10 times the signal's rms at 50 and 150 Hz, each line a narrow-band Gaussian
 process up to 2 Hz wide, is beside white noise of a hundredth of the signal, on one pass and on six
@@ -9,28 +9,18 @@ Pressures are drawn from the prior that they are inverted under, friction known:
 of the best estimator is then the exact posterior's floor, by dense algebra on all samples with the
 true covariance. Besides, one realistic pressure is inverted under weights chosen by the evidence.
 Every draw has noise, hum and walk of its own; an error over that without the disturbance is of the
-same draws. Writes results/disturbances.json, case by case, and goes on from what it holds.
+same draws.
 """
 
-import json
 from collections import defaultdict
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
-from srsinv.false_alarm import DRIFT_WHERE_NAMED
-from srsinv.recording.drift import common_level, drift_of
-from tests.claims.disturbing import (
-    RMS_V,
-    WIDTHS_HZ,
-    drift_treatments,
-    hum,
-    hum_covariance,
-    hum_treatments,
-    recording,
-    walk_covariance,
-)
+from srsinv.jobs.trials import Row
+from tests.claims.disturbing import Disturbance, Drift, Hum
 from tests.claims.pass_scans import (
     NOISE_V,
     DrawnErrors,
@@ -39,8 +29,9 @@ from tests.claims.pass_scans import (
     motion_of_passes,
     ratio_of,
 )
+from tests.claims.study import Study
 
-RESULTS = Path(__file__).parent / "results" / "disturbances.json"
+KINDS: dict[str, type[Disturbance]] = {"hum": Hum, "drift": Drift}
 # In all, with weights by the evidence, and of other treatments, by the number of passes.
 DRAWS = {1: (100, 12, 20), 6: (40, 6, 10)}
 LENGTH_M, FRICTION = 0.04, 0.3
@@ -49,7 +40,7 @@ MOTIONS = {
     for speed in (20e-3, 100e-3)
     for name, passes in (("one pass", 1), ("six passes", 6))
 }
-SIZES, REACHES = (0.1, 1.0, 10.0), (0.01, 0.03, 0.1, 0.3)
+SIZES = {"hum": (0.1, 1.0, 10.0), "drift": (0.01, 0.03, 0.1, 0.3)}  # over the signal
 CLEAN = "without"
 
 
@@ -64,7 +55,7 @@ class Tally:
         row = float(answer.square[0]), float(answer.covered[0]), clean, exact
         self._draws[name].append(row)
 
-    def summary(self, scale_Pa: float, floor_Pa: float | None = None) -> dict[str, Any]:
+    def summary(self, scale_Pa: float, floor_Pa: float | None = None) -> Row:
         """Of each treatment: the relative error, its ratios, with their standard errors, and what
         90 % bands cover."""
         summary = {}
@@ -72,9 +63,9 @@ class Tally:
             square, covered, clean, exact = np.array(draws).T
             row = {
                 "draws": len(draws),
-                "error": round(float(np.sqrt(square.mean())) / scale_Pa, 5),
+                "error": float(np.sqrt(square.mean())) / scale_Pa,
                 "over_clean": ratio_of(square, clean),
-                "coverage": round(float(covered.mean()), 4),
+                "coverage": float(covered.mean()),
             }
             if floor_Pa is not None:
                 row["over_floor"] = ratio_of(square, floor_Pa**2)
@@ -84,56 +75,62 @@ class Tally:
         return summary
 
 
-def hum_draws(scans: PassScans, draws: tuple[int, int, int]):
-    """All sizes of hum on one motion: tallies with weights held, and with chosen ones."""
-    held, chosen = defaultdict(Tally), defaultdict(Tally)
-    treatments, time_s = hum_treatments(scans), np.asarray(scans.motion.time_s)
+def tallies(own: Disturbance, draws: tuple[int, int, int], exact_map=None) -> tuple[Tally, Tally]:
+    """Of a prior's pressures with weights held, and of the touches by the evidence; `exact_map`:
+    of the exact posterior, from the signals."""
+    held, chosen, scans = Tally(), Tally(), own.scans
     for index in range(draws[0]):
-        rng = np.random.default_rng([index, 1])
+        rng = np.random.default_rng([index, own.seed])
         truth, noise = scans.drawn(rng), NOISE_V * rng.normal(size=scans.shape)
-        waves = RMS_V * hum(rng, time_s, len(noise))
-        quiet = scans.signal(truth) + noise
-        clean = scans.answer(scans.held(scans.problem(quiet)), truth)
-        for size in SIZES:
-            held[f"{size:g}"].add(CLEAN, clean, float(clean.square[0]))
-            for name, treated in treatments.items():
-                if name == "mains" or index < draws[2]:
-                    answer = scans.answer(scans.held(treated(quiet + size * waves)), truth)
-                    held[f"{size:g}"].add(name, answer, float(clean.square[0]))
+        added = own.drawn(rng)
+        names = own.treatments if index < draws[2] else own.proper
+        _add(held, own, names, scans.held, truth, noise, added, exact_map)
         if index < draws[1]:
-            quiet = scans.signal(scans.touches) + noise
-            _hum_by_evidence(scans, chosen, quiet, waves)
+            _add(chosen, own, own.proper, scans.by_evidence, scans.touches, noise, added)
     return held, chosen
 
 
-def _hum_by_evidence(scans: PassScans, chosen, quiet, waves) -> None:
-    truth, named = scans.touches, hum_treatments(scans)["mains"]
-    clean = scans.answer(scans.by_evidence(scans.problem(quiet)), truth)
-    for size in SIZES:
-        answer = scans.answer(scans.by_evidence(named(quiet + size * waves)), truth)
-        for name, each in ((CLEAN, clean), ("mains", answer)):
-            chosen[f"{size:g}"].add(name, each, float(clean.square[0]))
+def _add(
+    tally: Tally,
+    own: Disturbance,
+    names: Iterable[str],
+    invert: Callable,
+    truth: Truth,
+    noise,
+    added,
+    exact_map=None,
+) -> None:
+    """The draw without the disturbance, and with it by each of the treatments."""
+    scans, quiet, exact = own.scans, own.scans.signal(truth) + noise, np.nan
+    if exact_map is not None:
+        mean = np.einsum("ies,es->i", exact_map, quiet + added, optimize=True)
+        exact = float(scans.square(mean[None], truth)[0])
+    clean = scans.answer(invert(scans.problem(quiet)), truth)
+    tally.add(CLEAN, clean, float(clean.square[0]), exact)
+    for name in names:
+        answer = scans.answer(invert(own.treatments[name](quiet + added)), truth)
+        tally.add(name, answer, float(clean.square[0]), exact)
 
 
-def hum_case(scans: PassScans, draws: tuple[int, int, int]) -> dict[str, Any]:
-    """Of a prior's pressures with weights held, and of the touches by the evidence; and what such
-    hum makes of the floor."""
-    held, chosen = hum_draws(scans, draws)
-    (floor,) = scans.rms_of(scans.floor()[0])
-    with_hum = {
-        f"{size:g}": [
-            scans.rms_of(scans.floor(hum_covariance(scans, size, each))[0])[0] for each in WIDTHS_HZ
-        ]
-        for size in SIZES
+def measured(
+    disturbance: str, motion: str, size: float, draws: tuple[int, int, int] | None = None
+) -> Row:
+    """What it makes of the floor and of errors; of drift what is found of it, too."""
+    scans = scans_of(motion)
+    own, draws = KINDS[disturbance](scans, size), draws or draws_of(motion)
+    floors, exact_map = [], None
+    for covariance in own.covariances():
+        posterior, exact_map = scans.floor(covariance)
+        floors.append(scans.rms_of(posterior)[0])
+    floor = float(scans.floor_Pa[0])
+    is_drift = isinstance(own, Drift)
+    held, chosen = tallies(own, draws, exact_map if is_drift else None)
+    row = {
+        "floor_over_floor_without": _rms(floors) / floor,
+        "weights held": held.summary(prior_scale(scans), float(floors[0]) if is_drift else floor),
+        "by evidence": chosen.summary(scale(scans, scans.touches)),
     }
-    return {
-        level: {
-            "floor_over_floor_without": round(_rms(with_hum[level]) / float(floor), 4),
-            "weights held": tally.summary(prior_scale(scans), float(floor)),
-            "by evidence": chosen[level].summary(scale(scans, scans.touches)),
-        }
-        for level, tally in held.items()
-    }
+    return row | ({"levels": levels(own, draws[0])} if is_drift else {})
 
 
 def _rms(values) -> float:
@@ -151,91 +148,51 @@ def prior_scale(scans: PassScans) -> float:
     return _rms(each)
 
 
-def drift_case(scans: PassScans, reach: float, draws: tuple[int, int, int]) -> dict[str, Any]:
-    """A walk on one motion that reaches this part of the signal's rms."""
-    drift = reach * RMS_V / np.sqrt(scans.duration_s)
-    (without,) = scans.rms_of(scans.floor()[0])
-    posterior, exact_map = scans.floor(walk_covariance(scans, drift))
-    (floor,) = scans.rms_of(posterior)
-    held, chosen, treatments = Tally(), Tally(), drift_treatments(scans, drift)
-    for index in range(draws[0]):
-        rng = np.random.default_rng([index, 2])
-        truth, noise = scans.drawn(rng), NOISE_V * rng.normal(size=scans.shape)
-        walk = np.cumsum(rng.normal(size=scans.shape), axis=1) * drift / np.sqrt(scans.rate_Hz)
-        quiet = scans.signal(truth) + noise
-        clean = scans.answer(scans.held(scans.problem(quiet)), truth)
-        exact = np.einsum("ies,es->i", exact_map, quiet + walk, optimize=True)
-        errors = float(clean.square[0]), float(scans.square(exact[None], truth)[0])
-        held.add(CLEAN, clean, *errors)
-        for name, treated in treatments.items():
-            if name in ("stated", "found") or index < draws[2]:
-                answer = scans.answer(scans.held(treated(quiet + walk)), truth)
-                held.add(name, answer, *errors)
-        if index < draws[1]:
-            _drift_by_evidence(scans, chosen, noise, walk, treatments)
-    return {
-        "floor_over_floor_without": round(float(floor / without), 4),
-        "weights held": held.summary(prior_scale(scans), float(floor)),
-        "by evidence": chosen.summary(scale(scans, scans.touches)),
-    }
-
-
-def _drift_by_evidence(scans: PassScans, chosen: Tally, noise, walk, treatments) -> None:
-    truth = scans.touches
-    quiet = scans.signal(truth) + noise
-    clean = scans.answer(scans.by_evidence(scans.problem(quiet)), truth)
-    chosen.add(CLEAN, clean, float(clean.square[0]))
-    for name in ("stated", "found"):
-        answer = scans.answer(scans.by_evidence(treatments[name](quiet + walk)), truth)
-        chosen.add(name, answer, float(clean.square[0]))
-
-
-def levels(scans: PassScans, reach: float, draws: int) -> dict[str, Any]:
+def levels(drift: Drift, draws: int) -> Row:
     """Of the drift that is found in touches and in the prior's pressures, over what it is: its
     median, and how often it is none."""
-    drift, ratios = reach * RMS_V / np.sqrt(scans.duration_s), defaultdict(list)
+    scans, ratios = drift.scans, defaultdict(list)
     for index in range(draws):
-        rng = np.random.default_rng([index, 2])
+        rng = np.random.default_rng([index, drift.seed])
         rough, noise = scans.signal(scans.drawn(rng)), NOISE_V * rng.normal(size=scans.shape)
-        walk = np.cumsum(rng.normal(size=scans.shape), axis=1) * drift / np.sqrt(scans.rate_Hz)
+        added = noise + drift.drawn(rng)
         for name, signal in (("touches", scans.signal(scans.touches)), ("prior", rough)):
-            level = common_level(
-                drift_of(recording(scans, signal + noise + walk), DRIFT_WHERE_NAMED)
-            )
-            ratios[name].append(level / drift)
+            ratios[name].append(drift.found(signal + added) / drift.rate)
     return {
         name: {
-            "median": round(float(np.median(each)), 4),
-            "missed": round(float(np.mean(np.array(each) == 0)), 4),
+            "median": float(np.median(each)),
+            "missed": float(np.mean(np.array(each) == 0)),
         }
         for name, each in ratios.items()
     }
 
 
+@lru_cache(maxsize=1)
 def scans_of(motion: str) -> PassScans:
     """The recordings of one of the motions."""
     passes, speed = MOTIONS[motion]
     return PassScans(motion_of_passes(passes, LENGTH_M, speed), friction=FRICTION)
 
 
-def main() -> None:
-    """Measure what is missing."""
-    record = json.loads(RESULTS.read_text()) if RESULTS.exists() else {"hum": {}, "drift": {}}
-    record.setdefault("levels", {})
-    for motion, (passes, _) in MOTIONS.items():
-        scans, draws = scans_of(motion), DRAWS[passes]
-        if motion not in record["hum"]:
-            record["hum"][motion] = hum_case(scans, draws)
-            RESULTS.write_text(json.dumps(record, indent=1) + "\n")
-        slow = record["drift"].setdefault(motion, {}) if "20 mm/s" in motion else None
-        for reach in REACHES if slow is not None else ():
-            if f"{reach:g}" not in slow:
-                slow[f"{reach:g}"] = drift_case(scans, reach, draws)
-            of_motion = record["levels"].setdefault(motion, {})
-            if f"{reach:g}" not in of_motion:
-                of_motion[f"{reach:g}"] = levels(scans, reach, draws[0])
-            RESULTS.write_text(json.dumps(record, indent=1) + "\n")
+def draws_of(motion: str) -> tuple[int, int, int]:
+    """How many draws are made of recordings of a motion."""
+    return DRAWS[MOTIONS[motion][0]]
 
 
-if __name__ == "__main__":
-    main()
+def cases() -> list[dict[str, Any]]:
+    """Hum on all motions, drift on the slow ones."""
+    return [
+        {"disturbance": kind, "motion": motion, "size": size}
+        for kind, sizes in SIZES.items()
+        for motion in MOTIONS
+        if kind == "hum" or "20 mm/s" in motion
+        for size in sizes
+    ]
+
+
+STUDY = Study(
+    "disturbances",
+    measured,
+    cases,
+    rests_on=lambda disturbance, motion, size: {"draws": draws_of(motion)},
+)

@@ -1,11 +1,13 @@
-"""Hum and drift on recordings of passes: draws of them, their covariance, and treatments."""
+"""Hum and drift on recordings of passes: draws of them, their covariances, and treatments."""
 
-from typing import Any
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy
 
 from srsinv.false_alarm import DRIFT_WHERE_NAMED
+from srsinv.inverse.problem import Problem
 from srsinv.recording import Recording
 from srsinv.recording.drift import common_level, drift_of
 from srsinv.recording.mains import mains_lines
@@ -17,6 +19,127 @@ WIDTHS_HZ = (1 / 3, 1.0, 5 / 3)  # in the middle of thirds: of those that draws 
 MAINS_HZ = 0.2  # by so much the mains' frequency is off
 HIGH_PASS_HZ = 1.0
 RMS_V = SIGNAL * NOISE_V
+Treatments = Mapping[str, Callable[[Any], Problem]]
+
+
+class Disturbance:
+    """What disturbs scans, of rms `size` times the signal's.
+
+    - `seed`: of its draws, beside their number.
+    - `proper`: the treatments of which all draws are made.
+    """
+
+    seed: ClassVar[int]
+    proper: ClassVar[tuple[str, ...]]
+
+    def __init__(self, scans: PassScans, size: float):
+        self.scans, self.size = scans, size
+
+    def drawn(self, rng: Rng) -> np.ndarray:
+        """One of all elements (e, sample)."""
+        raise NotImplementedError
+
+    def covariances(self) -> Iterator[np.ndarray]:
+        """At all samples, with that of white noise: of disturbances that are as likely."""
+        raise NotImplementedError
+
+    @property
+    def treatments(self) -> Treatments:
+        """The problem that each treatment makes of a disturbed signal."""
+        raise NotImplementedError
+
+    def recording(self, signal, **facts: Any) -> Recording:
+        """The signal as a recording with these facts."""
+        scans, names = self.scans, tuple("ab"[: len(signal)])
+        time_s = np.asarray(scans.motion.time_s)
+        return Recording(
+            signal, time_s, scans.speed, names, facts, measured_position_m=scans.position
+        )
+
+    def prepared(self, **facts: Any) -> Callable[[Any], Problem]:
+        """A treatment by the filters that the facts name."""
+        scans = self.scans
+        return lambda signal: scans.problem(prepare(self.recording(signal, **facts)).signal)
+
+
+class Hum(Disturbance):
+    """Lines that each are a narrow-band process."""
+
+    seed = 1
+    proper = ("mains",)
+
+    def drawn(self, rng: Rng) -> np.ndarray:
+        """Of random width and frequency, each line waves of random amplitude and phase."""
+        time_s = np.asarray(self.scans.motion.time_s)
+        return self.size * (RMS_V * hum(rng, time_s, self.scans.shape[0]))
+
+    def covariances(self) -> Iterator[np.ndarray]:
+        """Of hum of each of `WIDTHS_HZ`."""
+        time_s = np.arange(self.scans.position.size) / self.scans.rate_Hz
+        powers = np.square(AMPLITUDES) / np.sum(np.square(AMPLITUDES)) * (self.size * RMS_V) ** 2
+        lines = zip(powers, LINES_HZ, strict=True)
+        row = sum(power * np.cos(2 * np.pi * line * time_s) for power, line in lines)
+        for width_Hz in WIDTHS_HZ:
+            covariance = scipy.linalg.toeplitz(row * np.sinc(width_Hz * time_s))
+            covariance.flat[:: len(covariance) + 1] += NOISE_V**2
+            yield covariance
+
+    @property
+    def treatments(self) -> Treatments:
+        """Lines that are named, that are found, notches, and none."""
+        scans = self.scans
+        width = max(2.0, 1.01 / (scans.duration_s - 1 / scans.rate_Hz))
+
+        def mains(signal, *lines_Hz):
+            return scans.problem(signal, lines=mains_lines(signal, scans.rate_Hz, *lines_Hz))
+
+        return {
+            "mains": lambda signal: mains(signal, LINES_HZ),
+            "mains, auto": mains,
+            "notch": self.prepared(notch_Hz=list(LINES_HZ), notch_width_Hz=width),
+            "untreated": scans.problem,
+        }
+
+
+class Drift(Disturbance):
+    """A random walk from zero, whose rms at the end is `size` times the signal's."""
+
+    seed = 2
+    proper = ("stated", "found")
+
+    @property
+    def rate(self) -> float:
+        """Its rms after a second."""
+        return self.size * RMS_V / np.sqrt(self.scans.duration_s)
+
+    def drawn(self, rng: Rng) -> np.ndarray:
+        """A walk of each element."""
+        steps = rng.normal(size=self.scans.shape)
+        return np.cumsum(steps, axis=1) * self.rate / np.sqrt(self.scans.rate_Hz)
+
+    def covariances(self) -> Iterator[np.ndarray]:
+        """Its own alone."""
+        time_s = np.arange(1, self.scans.position.size + 1) / self.scans.rate_Hz
+        covariance = self.rate**2 * np.minimum(time_s[:, None], time_s)
+        covariance.flat[:: len(covariance) + 1] += NOISE_V**2
+        yield covariance
+
+    def found(self, signal) -> float:
+        """The rate that a signal shows."""
+        return common_level(drift_of(self.recording(signal), DRIFT_WHERE_NAMED))
+
+    @property
+    def treatments(self) -> Treatments:
+        """A rate that is stated, that is found, filters, and none."""
+        scans = self.scans
+        return {
+            "stated": lambda signal: scans.problem(signal, self.rate),
+            "found": lambda signal: scans.problem(signal, self.found(signal)),
+            "high-pass": self.prepared(high_pass_Hz=HIGH_PASS_HZ),
+            "straight line": self.prepared(detrend="linear"),
+            "mean": self.prepared(detrend="constant"),
+            "untreated": scans.problem,
+        }
 
 
 def hum(rng: Rng, time_s, elements: int):
@@ -31,67 +154,3 @@ def hum(rng: Rng, time_s, elements: int):
         waves = size[0] @ np.cos(phase) + size[1] @ np.sin(phase)
         total = total + amplitude * waves / np.sqrt(np.mean(waves**2))
     return total / np.sqrt(np.mean(total**2))
-
-
-def recording(scans: PassScans, signal, **facts: Any) -> Recording:
-    """The signal as a recording with these facts."""
-    names = tuple("ab"[: len(signal)])
-    time_s, position = np.asarray(scans.motion.time_s), scans.position
-    return Recording(signal, time_s, scans.speed, names, facts, measured_position_m=position)
-
-
-def hum_treatments(scans: PassScans):
-    """Each treatment's problem of a signal with hum."""
-    width = max(2.0, 1.01 / (scans.duration_s - 1 / scans.rate_Hz))
-
-    def notched(signal):
-        facts = {"notch_Hz": list(LINES_HZ), "notch_width_Hz": width}
-        return scans.problem(prepare(recording(scans, signal, **facts)).signal)
-
-    def named(signal):
-        return scans.problem(signal, lines=mains_lines(signal, scans.rate_Hz, LINES_HZ))
-
-    def auto(signal):
-        return scans.problem(signal, lines=mains_lines(signal, scans.rate_Hz))
-
-    return {"mains": named, "mains, auto": auto, "notch": notched, "untreated": scans.problem}
-
-
-def hum_covariance(scans: PassScans, size: float, width_Hz: float):
-    """That of white noise and of hum at all samples."""
-    time_s = np.arange(scans.position.size) / scans.rate_Hz
-    powers = np.square(AMPLITUDES) / np.sum(np.square(AMPLITUDES)) * (size * RMS_V) ** 2
-    lines = zip(powers, LINES_HZ, strict=True)
-    row = sum(power * np.cos(2 * np.pi * line * time_s) for power, line in lines)
-    covariance = scipy.linalg.toeplitz(row * np.sinc(width_Hz * time_s))
-    covariance.flat[:: len(covariance) + 1] += NOISE_V**2
-    return covariance
-
-
-def drift_treatments(scans: PassScans, drift: float):
-    """Each treatment's problem of a signal that drifts by so much in a second."""
-
-    def drifting_as_recorded(signal):
-        return scans.problem(
-            signal, common_level(drift_of(recording(scans, signal), DRIFT_WHERE_NAMED))
-        )
-
-    def prepared(**facts):
-        return lambda signal: scans.problem(prepare(recording(scans, signal, **facts)).signal)
-
-    return {
-        "stated": lambda signal: scans.problem(signal, drift),
-        "found": drifting_as_recorded,
-        "high-pass": prepared(high_pass_Hz=HIGH_PASS_HZ),
-        "straight line": prepared(detrend="linear"),
-        "mean": prepared(detrend="constant"),
-        "untreated": scans.problem,
-    }
-
-
-def walk_covariance(scans: PassScans, drift: float):
-    """That of white noise and a random walk from zero at all samples."""
-    time_s = np.arange(1, scans.position.size + 1) / scans.rate_Hz
-    covariance = drift**2 * np.minimum(time_s[:, None], time_s)
-    covariance.flat[:: len(covariance) + 1] += NOISE_V**2
-    return covariance

@@ -1,9 +1,7 @@
 """What every method makes of faulty measurements, and whether it says so.
 
-    python -m tests.claims.faults [FAULT ...]
-
-runs those that results/faults.json does not hold, or those that are named anew (minutes for all),
-on simulated scans of a known truth (faulty_scans.py, faults.yaml). Of every fault and method:
+On simulated scans of a known truth (faulty_scans.py, faults.yaml; minutes). Of every fault and
+method:
 
 - `z`: the error over the standard error: of an inversion the rms over the cells that were passed,
   of p or of q, whichever is larger; of a fit that of the worst parameter, 0 where the standard
@@ -13,11 +11,8 @@ on simulated scans of a known truth (faulty_scans.py, faults.yaml). Of every fau
   in, its true level and colour given: a test that the estimate itself has no part in.
 """
 
-import json
-import sys
-from collections.abc import Callable, Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import chi2
@@ -33,10 +28,11 @@ from srsinv.inverse.method import Method
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
+from srsinv.jobs.trials import Row
 from srsinv.recorded import problem_of, ready
 from tests.claims.faulty_scans import SCENES, Scan, ScannedScene, faults, faulty, suits
+from tests.claims.study import Study
 
-RESULTS = Path(__file__).parent / "results" / "faults.json"
 LEVEL = 1e-3
 MOST_STDERRS = 3.0  # standard errors
 CELL_M = 2e-4
@@ -73,10 +69,11 @@ def problem(made: Scan, known_friction: bool, cell_m: float = CELL_M) -> Problem
     return problem_of(ready(made.recording), friction=friction, cell_m=cell_m)
 
 
-def measured(fault: Mapping[str, Any], tried: MethodOnScene, seed: int = SEED) -> dict[str, Any]:
+def measured(fault: str, method: str) -> Row:
     """One fault and method."""
+    tried = METHODS[method]
     scene = SCENES[tried.scene]
-    made = faulty(fault, scene, seed)
+    made = faulty(faults()[fault], scene, SEED)
     try:
         stated = problem(made, tried.known_friction)
         estimate = tried.method(scene)(stated)
@@ -89,7 +86,7 @@ def measured(fault: Mapping[str, Any], tried: MethodOnScene, seed: int = SEED) -
     else:
         z = float(np.sqrt(np.mean(ratios(made, stated, estimate) ** 2, axis=-1)).max())
     return {
-        "z": round(z, 3),
+        "z": z,
         "quality": str(estimate.quality),
         "warnings": list(estimate.reasons),
         "rejected": bool(p_value < LEVEL),
@@ -130,36 +127,27 @@ def _fit_p_value(made: Scan, estimate: FeatureEstimate) -> float:
     return float(chi2.sf(white @ white, white.size - len(estimate.parameters)))
 
 
-def summary(rows: Mapping[str, Mapping[str, Any]]) -> dict[str, Any]:
+def cases() -> list[Row]:
+    """Every fault by every method on a scene that it suits."""
+    return [
+        {"fault": name, "method": method}
+        for name, fault in faults().items()
+        for method, tried in METHODS.items()
+        if suits(fault, SCENES[tried.scene])
+    ]
+
+
+def summary(rows: list[Row]) -> Row:
     """Counts over all faults and methods, and what no data can tell."""
-    cases = {(f, m): row for f, each in rows.items() for m, row in each.items()}
-    wrong = {at: row for at, row in cases.items() if row["z"] > MOST_STDERRS}
-    silent = {at: row for at, row in wrong.items() if not row["warnings"]}
+    wrong = [row for row in rows if row["z"] > MOST_STDERRS]
+    silent = [row for row in wrong if not row["warnings"]]
     return {
-        "cases": len(cases),
+        "cases": len(rows),
         "beyond": len(wrong),
         "beyond_and_silent": len(silent),
-        "beyond_silent_and_rejected": sum(bool(row["rejected"]) for row in silent.values()),
-        "silent": [f"{f}: {m}, {row['z']:.3g}" for (f, m), row in silent.items()],
+        "beyond_silent_and_rejected": sum(bool(row["rejected"]) for row in silent),
+        "silent": [f"{row['fault']}: {row['method']}, {row['z']:.3g}" for row in silent],
     }
 
 
-def main(names: list[str]) -> None:
-    """Those named, or all that are new; written after each."""
-    held = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else {}
-    for name, fault in faults().items():
-        if name in held and name not in names:
-            continue
-        held[name] = {
-            method: measured(fault, tried)
-            for method, tried in METHODS.items()
-            if suits(fault, SCENES[tried.scene])
-        }
-        rows = {each: held[each] for each in faults() if each in held}
-        RESULTS.write_text(json.dumps({**summary(rows), "rows": rows}, indent=1) + "\n")
-        print(name, {m: (r["z"], r["quality"], r["rejected"]) for m, r in held[name].items()},
-              flush=True)  # fmt: skip
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+STUDY = Study("faults", measured, cases, summary, rests_on=lambda fault, method: faults()[fault])

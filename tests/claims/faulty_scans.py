@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -206,6 +207,7 @@ def _ornstein_uhlenbeck(rng: Rng, shape: tuple[int, ...], step: float) -> np.nda
 # --- the faults ------------------------------------------------------------------------------
 
 
+@cache
 def faults() -> dict[str, dict[str, Any]]:
     """The faults by their names: what each does, and its strengths."""
     return yaml.safe_load(FAULTS.read_text(encoding="utf-8"))

@@ -1,10 +1,8 @@
 """What calibrations, fits and inversions make of what laboratories have: answers that are good and
 wrong.
 
-    python -m tests.claims.lab_cases [CASE ...]
-
-runs those that results/lab_cases.json does not hold, or those that are named anew, on files of a
-known truth (lab_cases.yaml, lab_scans.py), as the jobs read them. Of every answer:
+On files of a known truth (lab_cases.yaml, lab_scans.py), as the jobs read them. A case's row has
+its answers by what gave them. Of every answer:
 
 - `z`: of a fit or a calibration each parameter's error over its standard error, null where that is
   infinite or none; of an inversion the rms over the cells that were passed, of p and of q;
@@ -15,10 +13,9 @@ An answer is beyond where a parameter is by more than four standard errors, wher
 where bands cover less than 75 %.
 """
 
-import json
-import sys
 import tempfile
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -33,17 +30,18 @@ from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.calibration import Calibration, calibrate
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
+from srsinv.jobs.trials import Row
 from srsinv.numerics import BAND_90
 from srsinv.recorded import problem_of
 from srsinv.recording.even import load_even
 from tests.claims.lab_scans import KNOWN, LATER, ZONE_M, Lab, Load, load, recorded, write
+from tests.claims.study import Study, combinations
 
 CASES = Path(__file__).with_name("lab_cases.yaml")
-RESULTS = Path(__file__).parent / "results" / "lab_cases.json"
 MOST_STDERRS, MOST_RMS, LEAST_COVERED = 4.0, 2.0, 0.75
+SEED = 0
 OF_SCAN = "position_m", "base_friction"
-Row = dict[str, Any]
-Rows = dict[str, Row]
+Answers = dict[str, Row]
 
 
 def _load(lab: Lab, ridge: Mapping[str, float]) -> Load:
@@ -73,14 +71,14 @@ def _calibrated(
     return calibrate(problem, RidgeFeature(stated["feature"]["edge_length_m"]), held)
 
 
-def _calibrate(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+def _calibrate(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Answers:
     made = _calibrated(lab, facts, how, seed)
     return {"calibration": _row(made, lab.rig | {"position_m": KNOWN["position_m"]})}
 
 
 def _calibrate_and_fit(
     lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int
-) -> Rows:
+) -> Answers:
     """A calibration, and a later ridge that is fitted with it."""
     made = _calibrated(lab, facts, how, seed)
     rows = {"calibration": _row(made, lab.rig | {"position_m": KNOWN["position_m"]})}
@@ -99,7 +97,7 @@ def _calibrate_and_fit(
     return rows | _fit_ridge(lab, dict(facts) | calibrated, how, seed + 1)
 
 
-def _fit_ridge(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+def _fit_ridge(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Answers:
     stated = lab.facts | facts
     problem = _problem(lab, _load(lab, LATER), stated, seed)
     ridge = RidgeFeature(stated["feature"]["edge_length_m"])
@@ -107,7 +105,7 @@ def _fit_ridge(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed:
     return {"fit": _row(fitted, LATER | {"base_friction": lab.friction})}
 
 
-def _fit_tape(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+def _fit_tape(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Answers:
     problem = _problem(lab, _load(lab, LATER), facts, seed)
     edge = lab.facts["feature"]["edge_length_m"]
     tape = TapeFeature(edge, friction_follows=how.get("follows", "motion"))
@@ -118,7 +116,7 @@ def _fit_tape(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: 
     return {"fit": _row(fitted, LATER | own | {"base_friction": lab.friction})}
 
 
-def _invert(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Rows:
+def _invert(lab: Lab, facts: Mapping[str, Any], how: Mapping[str, Any], seed: int) -> Answers:
     load = _load(lab, LATER)
     problem = _problem(lab, load, facts, seed)
     rows = {}
@@ -149,7 +147,7 @@ def _row(made: Calibration | FeatureEstimate, truth: Mapping[str, float]) -> Row
     return {"z": z, "quality": str(made.quality), "warnings": list(made.reasons)}
 
 
-DOES: Mapping[str, Callable[[Lab, Mapping[str, Any], Mapping[str, Any], int], Rows]] = {
+DOES: Mapping[str, Callable[[Lab, Mapping[str, Any], Mapping[str, Any], int], Answers]] = {
     "calibrate": _calibrate, "calibrate_and_fit": _calibrate_and_fit, "fit_ridge": _fit_ridge,
     "fit_tape": _fit_tape, "invert": _invert,
 }  # fmt: skip
@@ -158,19 +156,20 @@ DOES: Mapping[str, Callable[[Lab, Mapping[str, Any], Mapping[str, Any], int], Ro
 # --- the study ----------------------------------------------------------------------------------
 
 
+@cache
 def cases() -> dict[str, dict[str, Any]]:
     """The cases by their names."""
     return yaml.safe_load(CASES.read_text(encoding="utf-8"))
 
 
-def rows_of(case: Mapping[str, Any], seed: int = 0) -> Rows:
+def answers(case: str) -> Answers:
     """The answers in a case, by what gave them."""
-    own = dict(case.get("lab", {}))
+    given = cases()[case]
+    own = dict(given.get("lab", {}))
     if "edges" in own:
         own["edges"] = tuple(own["edges"])
-    given = case.get("facts", {}), case.get("how", {}), seed
     try:
-        return DOES[case["does"]](Lab(**own), *given)
+        return DOES[given["does"]](Lab(**own), given.get("facts", {}), given.get("how", {}), SEED)
     except BadInput as refusal:
         return {"refusal": {"z": {}, "quality": "refused", "warnings": [str(refusal)]}}
 
@@ -184,35 +183,23 @@ def is_beyond(row: Mapping[str, Any]) -> bool:
     )
 
 
-def summary(rows: Mapping[str, Rows]) -> dict[str, Any]:
+def summary(rows: list[Row]) -> Row:
     """How many answers are beyond, and which of these are good by their own word."""
-    answers = {f"{case}: {by}": row for case, own in rows.items() for by, row in own.items()}
-    beyond = {name: row for name, row in answers.items() if is_beyond(row)}
-    good = [name for name, row in beyond.items() if row["quality"] == "good"]
-    return {"answers": len(answers), "beyond": len(beyond), "good_and_beyond": good}
+    every = {
+        f"{row['case']}: {by}": answer
+        for row in rows
+        for by, answer in row.items()
+        if isinstance(answer, dict)
+    }
+    beyond = {name: answer for name, answer in every.items() if is_beyond(answer)}
+    good = [name for name, answer in beyond.items() if answer["quality"] == "good"]
+    return {"answers": len(every), "beyond": len(beyond), "good_and_beyond": good}
 
 
-def _rounded(given: Any) -> Any:
-    if isinstance(given, dict):
-        return {key: _rounded(each) for key, each in given.items()}
-    if not isinstance(given, float):
-        return given
-    return float(f"{given:.3g}") if np.isfinite(given) else None
-
-
-def main(names: list[str]) -> None:
-    """Those named, or all that are new; written after each."""
-    held = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else {}
-    for name, case in cases().items():
-        if name not in names and (names or name in held):
-            continue
-        held[name] = _rounded(rows_of(case))
-        rows = {each: held[each] for each in cases() if each in held}
-        RESULTS.write_text(json.dumps({**summary(rows), "rows": rows}, indent=1) + "\n")
-        for by, row in held[name].items():
-            said = [warning[:100] for warning in row["warnings"]]
-            print(name, by, row["quality"], row["z"], row.get("covers", ""), said, flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+STUDY = Study(
+    "lab_cases",
+    answers,
+    lambda: combinations(case=cases()),
+    summary,
+    rests_on=lambda case: cases()[case],
+)

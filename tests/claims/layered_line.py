@@ -1,21 +1,17 @@
 """How far the stress under one cell of traction on a layered skin is from exact layers, over ratios
-of moduli of 1e-5 to 1e5, film depths in the skin and below it, and the whole line.
-
-`python -m tests.claims.layered_line` (about two minutes) writes results/layered_line.json: the
-largest error of the stress and of its slope along x, over the peak of each component.
+of moduli of 1e-5 to 1e5, film depths in the skin and below it, and the whole line (two minutes):
+the largest error of the stress and of its slope along x, over the peak of each component.
 """
-
-import json
-from pathlib import Path
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
 from srsinv.forward.layered import Layer, Layered
+from srsinv.jobs.trials import Row
+from tests.claims.study import Study, combinations
 from tests.reference.exact_layers_line import LayersOnLine
 
-RESULTS = Path(__file__).with_name("results") / "layered_line.json"
 SKIN_M, SKIN_PA, CELL_M, POISSON_RATIO = 1e-3, 7e5, 1e-4, 0.5
 # The skin's modulus over its base's, and the film's depth.
 CONTRASTS = (1e-5, 1e-3, 0.02, 50.0, 1e3, 1e4, 1e5)
@@ -29,7 +25,7 @@ def _ours(skin, x, depth):
     return skin.strip_response(x, depth, width), skin.strip_slope(x, depth, width)
 
 
-def errors(contrast: float, depth_m: float) -> tuple[float, float]:
+def errors(contrast: float, depth_m: float) -> Row:
     """The largest error of the stress and of its slope, of six components each over its peak."""
     base = SKIN_PA / contrast
     skin = Layered(
@@ -38,24 +34,13 @@ def errors(contrast: float, depth_m: float) -> tuple[float, float]:
     layers = [(SKIN_PA, POISSON_RATIO, SKIN_M), (base, POISSON_RATIO, None)]
     exact = LayersOnLine(layers, depth_m, step=0.06, digits=45)
     x = depth_m * np.concatenate([DEPTHS_ALONG, -DEPTHS_ALONG[1:4]])
-    largest = []
+    row = {}
     both = _ours(skin, jnp.asarray(x), jnp.asarray(depth_m))
-    for ours, slope in zip(both, (False, True), strict=True):
-        wanted = exact.strip(x, CELL_M, slope)
+    for name, ours in zip(("stress", "slope"), both, strict=True):
+        wanted = exact.strip(x, CELL_M, name == "slope")
         off = np.abs(np.asarray(ours)[:3] - wanted).max(-1) / np.abs(wanted).max(-1)
-        largest.append(float(off.max()))
-    return largest[0], largest[1]
+        row[f"error_{name}"] = float(off.max())
+    return row
 
 
-def main() -> None:
-    rows = []
-    for contrast in CONTRASTS:
-        for depth_m in DEPTHS_M:
-            stress, slope = errors(contrast, depth_m)
-            row = {"contrast": contrast, "depth_m": depth_m}
-            rows.append(row | {"error_stress": stress, "error_slope": slope})
-    RESULTS.write_text(json.dumps(rows, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study("layered_line", errors, lambda: combinations(contrast=CONTRASTS, depth_m=DEPTHS_M))

@@ -1,5 +1,4 @@
-"""What a measured kernel is worth beside theory: `python -m tests.claims.measured_kernels`
-(hours).
+"""What a measured kernel is worth beside theory (hours).
 
 A sensor of films at 0 and 90 degrees that theory does not match passes a known input both ways; its
 kernel is measured, by the data alone and about the theory that is fitted with it, and signals of
@@ -10,15 +9,9 @@ passes included; it is white, at 40 dB of each signal.
   input and number of passes.
 - `coverage`: of the 90 % bands of p, of traction drawn from the prior of Wiener's filter, with the
   kernel's uncertainty in them and with the kernel taken as exact.
-
-Writes results/measured_kernels.json.
 """
 
-import json
-import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -39,8 +32,9 @@ from srsinv.inverse.method import Method
 from srsinv.inverse.rig.error import SensorError
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
+from srsinv.jobs.trials import Row
+from tests.claims.study import Study
 
-RESULTS = Path(__file__).parent / "results" / "measured_kernels.json"
 LINE, SCAN, FRICTION = Periodic(1024, 0.04 / 1024, -0.02), ConstantSpeed(0.05), 0.5
 SNR_DB, DEPTH_M = 40.0, 7.5e-4
 RMS_PA, CORRELATION_M = 1500.0, 2e-3  # of the traction whose coverage is counted
@@ -50,6 +44,17 @@ LAYERS = (
 )
 Rng = np.random.Generator
 Signal = Float[np.ndarray, "e n"]
+DRAWS = {  # of errors, by sensor, input and passes
+    "paper": {
+        "line": {1: 200, 10: 200, 100: 200},
+        "step": {10: 20, 100: 200, 1: 20},
+        "ridge": {1: 20, 10: 20, 100: 20},
+    },
+    "depth and tilt": {"line": {1: 200, 10: 200, 100: 200}, "step": {10: 20, 100: 200}},
+    "blur": {"line": {1: 200, 10: 200, 100: 200}, "step": {10: 20, 100: 20}},
+    "layer": {"line": {1: 200, 10: 200, 100: 200}, "step": {10: 20, 100: 20}},
+}
+DRAWS_OF_COVERAGE = {"paper": {"line": {10: 1000, 1: 1000}, "step": {100: 1000}}}
 KERNELS = ("theoretical", "measured", "fitted", "true")
 
 
@@ -136,7 +141,7 @@ def scene() -> Float[np.ndarray, "2 n"]:
     return np.stack([p, (0.3 + 0.15 * step) * p])
 
 
-def errors(mismatch: Mismatch, known: str, passes: int, draws: int) -> dict[str, Any]:
+def errors(mismatch: Mismatch, known: str, passes: int, draws: int) -> Row:
     """Rms errors of p by each kernel, the excess over the true kernel's, and the mean over draws of
     the fitted kernel's error over the better of the theoretical and the measured one's."""
     truth, method = scene(), Tikhonov(rule=Evidence())
@@ -157,13 +162,12 @@ def errors(mismatch: Mismatch, known: str, passes: int, draws: int) -> dict[str,
     excess = {name: float(np.sqrt(max(e**2 - rms["true"] ** 2, 0.0))) for name, e in rms.items()}
     better = min(("theoretical", "measured"), key=lambda name: of[name].mean())
     return {
-        **{f"error_{name}": round(each, 4) for name, each in rms.items()},
-        "excess_ratio_measured": round(excess["measured"] / excess["theoretical"], 3),
-        "excess_ratio_fitted": round(excess["fitted"] / excess["theoretical"], 3),
-        "error_ratio_measured": round(rms["measured"] / rms["theoretical"], 3),
-        "error_ratio_floor": round(rms["true"] / rms["theoretical"], 3),
-        "fitted_over_better": round(float(of["fitted"].mean() / of[better].mean()), 3),
-        "draws": draws,
+        **{f"error_{name}": each for name, each in rms.items()},
+        "excess_ratio_measured": excess["measured"] / excess["theoretical"],
+        "excess_ratio_fitted": excess["fitted"] / excess["theoretical"],
+        "error_ratio_measured": rms["measured"] / rms["theoretical"],
+        "error_ratio_floor": rms["true"] / rms["theoretical"],
+        "fitted_over_better": float(of["fitted"].mean() / of[better].mean()),
     }
 
 
@@ -178,7 +182,7 @@ def drawn(rng: Rng) -> Float[np.ndarray, "2 n"]:
     return RMS_PA * np.fft.irfft(np.sqrt(power) * np.fft.rfft(rng.normal(size=(2, LINE.n))), LINE.n)
 
 
-def coverage(mismatch: Mismatch, known: str, passes: int, draws: int) -> dict[str, Any]:
+def coverage(mismatch: Mismatch, known: str, passes: int, draws: int) -> Row:
     """Coverage of p's 90 % bands by the measured and by the fitted kernel, with their uncertainty
     and as if they were exact, and by the theoretical and the true one."""
     prior = Exponential(RMS_PA, CORRELATION_M)
@@ -198,45 +202,26 @@ def coverage(mismatch: Mismatch, known: str, passes: int, draws: int) -> dict[st
             estimate = method(problem(sensor, data, level, float(truth[0].mean()), rig))
             value, stderr = np.asarray(estimate.value), np.asarray(estimate.stderr)
             inside.setdefault(name, []).append(coverage_90(value, stderr, truth, cells)[0])
-    return {name: round(float(np.mean(rows)), 4) for name, rows in inside.items()} | {
-        "draws": draws
-    }
+    return {name: float(np.mean(rows)) for name, rows in inside.items()}
 
 
-def cases(draws: int) -> list[tuple[str, str, str, int, int]]:
-    """What is measured: study, mismatch, input, passes, draws (of coverage five times as many)."""
-    inputs = [("line", n) for n in (1, 10, 100)] + [("step", n) for n in (10, 100)]
-    ours = [("errors", "paper", known, passes, draws) for known, passes in
-            [*inputs, ("step", 1), ("ridge", 1), ("ridge", 10), ("ridge", 100)]]  # fmt: skip
-    others = [
-        ("errors", name, known, passes, draws)
-        for name in ("depth and tilt", "blur", "layer")
-        for known, passes in inputs
+MEASURES = {"errors": (errors, DRAWS), "coverage": (coverage, DRAWS_OF_COVERAGE)}
+
+
+def measured(what: str, sensor: str, known: str, passes: int, draws: int) -> Row:
+    """Errors or coverage by the kernels of a sensor."""
+    return MEASURES[what][0](MISMATCHES[sensor], known, passes, draws)
+
+
+def cases() -> list[Row]:
+    """Every sensor, input and number of passes."""
+    return [
+        {"what": what, "sensor": sensor, "known": known, "passes": passes, "draws": draws}
+        for what, (_, table) in MEASURES.items()
+        for sensor, inputs in table.items()
+        for known, counts in inputs.items()
+        for passes, draws in counts.items()
     ]
-    counted = [("coverage", "paper", known, passes, 5 * draws) for known, passes in
-               [("line", 10), ("line", 1), ("step", 100)]]  # fmt: skip
-    return ours + others + counted
 
 
-def main(draws: int = 200, only: str = "") -> None:
-    """Every case whose name has `only` in it; those that are there already with as many draws are
-    kept."""
-    studies: Mapping[str, Any] = {"errors": errors, "coverage": coverage}
-    named = {f"{study}, {mismatch}, {known}, {passes}": (study, mismatch, known, passes, count)
-             for study, mismatch, known, passes, count in cases(draws)}  # fmt: skip
-    for name, (study, mismatch, known, passes, count) in named.items():
-        if only not in name or _results().get(name, {}).get("draws", 0) >= count:
-            continue
-        own = studies[study](MISMATCHES[mismatch], known, passes, count)
-        results = _results() | {name: own}  # anew, as another may have added to them
-        ordered = {each: results[each] for each in named if each in results}
-        RESULTS.write_text(json.dumps(ordered, indent=1) + "\n")
-        print(name, own, flush=True)
-
-
-def _results() -> dict[str, Any]:
-    return json.loads(RESULTS.read_text()) if RESULTS.exists() else {}
-
-
-if __name__ == "__main__":
-    main(*(int(each) if each.isdigit() else each for each in sys.argv[1:]))  # type: ignore[arg-type]
+STUDY = Study("measured_kernels", measured, cases)

@@ -1,11 +1,8 @@
 """How many listed minima of the problems of More, Garbow and Hillstrom `srsinv.fit` reaches, and in
-how many evaluations, beside scipy's two methods of least squares.
-
-`python -m tests.claims.mgh` writes results/mgh.json.
+how many evaluations, beside scipy's two methods of least squares (minutes).
 """
 
-import json
-from pathlib import Path
+from functools import lru_cache
 from typing import Any
 
 import jax
@@ -13,12 +10,14 @@ import numpy as np
 import scipy.optimize
 
 import srsinv
+from srsinv.jobs.trials import Row
+from tests.claims.study import Study, combinations
 from tests.reference.mgh import FACTORS, PROBLEMS, LeastSquaresProblem
 
 STEPS = 2000  # of `srsinv.fit` as it is, for scipy too
 TOLERANCE = 1e-12  # of scipy's stopping rules: their defaults end short of six digits
-SCIPY = ("lm", "trf")
-RESULTS = Path(__file__).parent / "results" / "mgh.json"
+METHODS = ("srsinv", "lm", "trf")  # of scipy all but the first
+BY_NAME = {problem.name: problem for problem in PROBLEMS}
 
 
 def fits(problem: LeastSquaresProblem) -> list[srsinv.Fit]:
@@ -31,7 +30,7 @@ def fits(problem: LeastSquaresProblem) -> list[srsinv.Fit]:
     return [srsinv.fit(model, problem.start_at(factor), zeros) for factor in FACTORS]
 
 
-def rows_of(problem: LeastSquaresProblem, solutions: list[srsinv.Fit]) -> list[dict]:
+def rows_of(problem: LeastSquaresProblem, solutions: list[srsinv.Fit]) -> list[Row]:
     """A row of the table for each start."""
     return [
         _row(problem, 2 * fit.stats["cost"], fit.converged, fit.stats["iterations"])
@@ -39,12 +38,7 @@ def rows_of(problem: LeastSquaresProblem, solutions: list[srsinv.Fit]) -> list[d
     ]
 
 
-def by_srsinv(problem: LeastSquaresProblem) -> list[dict]:
-    """The rows of `srsinv.fit`."""
-    return rows_of(problem, fits(problem))
-
-
-def by_scipy(problem: LeastSquaresProblem, method: str) -> list[dict]:
+def by_scipy(problem: LeastSquaresProblem, method: str) -> list[Row]:
     """The same by one of scipy's methods, with the exact Jacobian."""
     residual: Any = jax.jit(problem.residual)
     derivative: Any = jax.jit(jax.jacfwd(problem.residual))
@@ -63,16 +57,16 @@ def by_scipy(problem: LeastSquaresProblem, method: str) -> list[dict]:
     return rows
 
 
-def _row(problem: LeastSquaresProblem, squares: float, converged: bool, evaluations: int) -> dict:
+def _row(problem: LeastSquaresProblem, squares: float, converged: bool, evaluations: int) -> Row:
     return {
-        "sum_of_squares": float(squares) if np.isfinite(squares) else None,
+        "sum_of_squares": float(squares),
         "minimum": problem.minimum_at(squares),
         "converged": bool(converged),
         "evaluations": int(evaluations),
     }
 
 
-def summary(rows: list[dict]) -> dict:
+def summary(rows: list[Row]) -> Row:
     """Minima reached, those of them that were said to be, and all evaluations."""
     reached = [row for row in rows if row["minimum"] is not None]
     return {
@@ -84,21 +78,16 @@ def summary(rows: list[dict]) -> dict:
     }
 
 
-def main() -> None:
-    methods = {"srsinv": by_srsinv} | {
-        method: lambda problem, method=method: by_scipy(problem, method) for method in SCIPY
-    }
-    table = [
-        {"problem": problem.name, "number": problem.number}
-        | {name: of(problem) for name, of in methods.items()}
-        for problem in PROBLEMS
-    ]
-    totals = {name: summary([row for line in table for row in line[name]]) for name in methods}
-    RESULTS.parent.mkdir(exist_ok=True)
-    record = {"factors": FACTORS, "summary": totals, "problems": table}
-    RESULTS.write_text(json.dumps(record, indent=1) + "\n")
-    print(json.dumps(totals, indent=1))
+@lru_cache(maxsize=1)
+def _by(method: str, problem: str) -> list[Row]:
+    """The rows from the three starts: what is compiled for one serves all."""
+    of = BY_NAME[problem]
+    return rows_of(of, fits(of)) if method == "srsinv" else by_scipy(of, method)
 
 
-if __name__ == "__main__":
-    main()
+STUDY = Study(
+    "mgh",
+    lambda problem, method, factor: _by(method, problem)[FACTORS.index(factor)],
+    lambda: combinations(problem=BY_NAME, method=METHODS, factor=FACTORS),
+    lambda rows: {by: summary([row for row in rows if row["method"] == by]) for by in METHODS},
+)

@@ -240,6 +240,11 @@ class PassScans:
         posterior = np.linalg.inv(information + self.precision)
         return posterior, np.einsum("ij,esj->ies", posterior, weighed, optimize=True)
 
+    @cached_property
+    def floor_Pa(self):
+        """The least rms error (c,) in white noise: that of the exact posterior."""
+        return self.rms_of(self.floor()[0])
+
     def rms_of(self, covariance):
         """The rms (c,) of each component's deviation from its mean over the scan."""
         n, unknowns = self.line.line.n, self.line.unknowns
@@ -295,4 +300,4 @@ def ratio_of(squares, others) -> tuple[float, float]:
     ratio = np.mean(squares) / np.mean(others)
     spread = np.std(squares - ratio * others, ddof=1) / np.sqrt(squares.size) / np.mean(others)
     stderr = spread / (2 * np.sqrt(ratio))
-    return round(float(np.sqrt(ratio)), 4), round(float(stderr), 4)
+    return float(np.sqrt(ratio)), float(stderr)

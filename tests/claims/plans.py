@@ -1,15 +1,12 @@
-"""Plans beside brute force: `python -m tests.claims.plans [SCENE ...]` (hours).
+"""Plans beside brute force (hours).
 
 For each of the twelve scenes of experiment=effects_auto and three tolerances, p by Wiener's filter:
 what the plan predicts, what its recipe then does (medians of five calls), and the quickest of all
 combinations of cells, refinement, effects and precision that keeps what is asked, told by the
-converged result with every effect on. Writes results/plans.json, and goes on from what it holds.
+converged result with every effect on.
 """
 
 import itertools
-import json
-import sys
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -18,10 +15,11 @@ from srsinv import config
 from srsinv.jobs._plan_recipes import Outcome, Recipe
 from srsinv.jobs._plan_scene import SceneRecipes, Scenes
 from srsinv.jobs._plan_search import Plan, search
+from srsinv.jobs.trials import Row
 from srsinv.parts import merged, varied
+from tests.claims.study import Study, combinations
 from tests.jobs.run import composed
 
-RESULTS = Path(__file__).parent / "results" / "plans.json"
 ERRORS = (0.3, 0.1, 0.03)
 QUANTITY, METHOD = "p", "Wiener"
 FINER = 4  # times as fine as the plan's most exact cells is what errors are told by
@@ -69,9 +67,10 @@ def quickest(recipes: SceneRecipes, plan: Plan, reference: Outcome, error: float
     return min(within, key=lambda each: each.seconds, default=None)
 
 
-def study(cfg: dict[str, Any], error: float) -> dict[str, Any]:
+@jax.enable_x64(True)
+def planned(scene: str, error: float) -> Row:
     """One scene at one tolerance."""
-    recipes = recipes_of(cfg)
+    recipes = recipes_of(scenes()[scene])
     plan = search(recipes, error, None)
     reference = recipes(recipes.finer(plan.beside.recipe, FINER))
     best = quickest(recipes, plan, reference, error)
@@ -87,18 +86,4 @@ def study(cfg: dict[str, Any], error: float) -> dict[str, Any]:
     }
 
 
-def main(names: list[str]) -> None:
-    known = json.loads(RESULTS.read_text(encoding="utf-8")) if RESULTS.exists() else {}
-    for name, cfg in scenes().items():
-        for error in ERRORS:
-            key = f"{name}, {error:g}"
-            if key in known or (names and name not in names):
-                continue
-            with jax.enable_x64(True):
-                known[key] = study(cfg, error)
-            RESULTS.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
-            print(key, json.dumps(known[key]), flush=True)
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+STUDY = Study("plans", planned, lambda: combinations(scene=scenes(), error=ERRORS))

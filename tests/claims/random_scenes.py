@@ -7,11 +7,9 @@ few programs are compiled for many scenes.
 from typing import Any
 
 import numpy as np
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 
-from srsinv.__main__ import find_config_root
 from srsinv.parts import merged
+from tests.jobs.run import composed
 
 Rng = np.random.Generator
 
@@ -22,12 +20,9 @@ STAND_SAMPLES, RAMP_SAMPLES = 32, 16  # spent standing still or sliding back, an
 
 def configuration(seed: int) -> dict[str, Any]:
     """The configuration of one scene, without a tolerance."""
-    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
-        names = ["noise=[]", "effects=auto", f"grid.cells={CELLS}", f"grid.refinement={REFINEMENT}"]
-        base = OmegaConf.to_container(compose("config", names), resolve=True)
-    assert isinstance(base, dict)
+    names = ["noise=[]", "effects=auto", f"grid.cells={CELLS}", f"grid.refinement={REFINEMENT}"]
     rng = np.random.default_rng(seed)
-    cfg = merged({str(key): value for key, value in base.items()}, _setting(rng, seed))
+    cfg = merged(composed(*names), _setting(rng, seed))
     cfg["effects"] = {**cfg["effects"]}
     if cfg["effects"]["reversal"]["duration_s"]:  # a skin that relaxes is refused beside it
         del cfg["effects"]["viscoelastic_skin"]

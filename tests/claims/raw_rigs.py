@@ -1,21 +1,18 @@
-"""Rigs' own files through the four commands of README: `python -m tests.claims.raw_rigs`.
+"""Rigs' own files through the four commands of README (ten minutes).
 
 Each of `RIGS` writes two files as its logger does, of a known ridge and of another. Inspection
 offers settings, which are taken, and a sidecar, whose blanks are filled in with what a laboratory
 knows; the rig is calibrated on the known ridge, and the other one fitted and inverted with that.
 
-Writes results/raw_rigs.json after every rig, and goes on from what it holds. A rig's row has the
-settings `offered` and, of the calibration and the fit, quality, warnings and for every parameter
-truth, value, standard error and `pull`, the error over it; of the inversions the error of p over
-its rms where the stage has been, and how much of it is within the 90 % bands.
+A rig's row has the settings `offered` and, of the calibration and the fit, quality, warnings and
+for every parameter truth, value, standard error and `pull`, the error over it; of the inversions
+the error of p over its rms where the stage has been, and how much of it is within the 90 % bands.
 """
 
+import dataclasses
 import json
-import os
 import shlex
-import sys
 import tempfile
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -26,19 +23,20 @@ import yaml
 
 from srsinv.__main__ import main as command
 from srsinv.grid import Open
+from srsinv.jobs.trials import Row
 from tests.claims.raw_files import RIDGES, Rig, model_of, pressure, write
 from tests.claims.raw_rig_list import RIGS
+from tests.claims.study import Study, combinations
 
-RESULTS = Path(__file__).parent / "results" / "raw_rigs.json"
 HELD = "fit.hold={height_m: 20e-6, width_m: 2e-3}"
 BAND = 1.645  # standard errors
 INSIDE = 0.95  # of the scan, where p is looked at
-Row = dict[str, Any]
+BY_NAME = {rig.name: rig for rig in RIGS}
 
 
 def row(rig: Rig, folder: Path) -> Row:
     """What becomes of one rig, its files and runs in `folder`."""
-    start, model = time.perf_counter(), model_of(rig)
+    model = model_of(rig)
     files = write(rig, folder, model)
     known, unknown = (f"recording.path={files[name]}" for name in RIDGES)
     run(folder / "inspected", "experiment=inspect_recording", known, *rig.also)
@@ -59,11 +57,10 @@ def row(rig: Rig, folder: Path) -> Row:
     truth = {name: RIDGES["unknown"][name] for name in ("height_m", "width_m")}
     truth["base_friction"] = rig.friction
     return {
-        "rig": rig.name, "verdict": facts["verdict"], "offered": taken,
+        "verdict": facts["verdict"], "offered": taken,
         "calibrated": _compared(folder / "calibrated", rig.truth),
         "fitted": _compared(folder / "fitted", truth),
         "inverted": {} if inverted else _of_inversions(folder / "inverted", rig, model),
-        "seconds": round(time.perf_counter() - start),
     }  # fmt: skip
 
 
@@ -98,7 +95,7 @@ def _compared(folder: Path, truth: Mapping[str, float]) -> Row:
     for name, true in truth.items():
         value, error = found.get(name), found.get(f"{name}_stderr")
         pull = (value - true) / error if value is not None and error else None
-        said[name] = [true, *(each and float(f"{each:.4g}") for each in (value, error, pull))]
+        said[name] = [true, value, error, pull]
     return said
 
 
@@ -116,8 +113,8 @@ def _of_inversions(folder: Path, rig: Rig, model: Any) -> Row:
         said[method] = {
             "quality": found[f"quality_{method.lower()}"],
             "warnings": found[f"warnings_{method.lower()}"],
-            "error": round(float(np.std(off) / np.std(true[here])), 3),
-            "coverage": round(float(np.mean(np.abs(off) < BAND * stderr)), 3),
+            "error": float(np.std(off) / np.std(true[here])),
+            "coverage": float(np.mean(np.abs(off) < BAND * stderr)),
         }
     return said
 
@@ -132,33 +129,22 @@ def summary(rows: Sequence[Row]) -> Row:
     return {
         "rigs": len(rows), "parameters": len(pulls), "without_a_value": len(pulls) - known.size,
         "largest_pull": float(np.abs(known).max(initial=0.0)),
-        "mean_square_pull": round(float(np.mean(known**2)), 3) if known.size else None,
+        "mean_square_pull": float(np.mean(known**2)) if known.size else None,
         "good_calibrations": sum(each["calibrated"]["quality"] == "good" for each in rows),
         "good_fits": sum(each["fitted"]["quality"] == "good" for each in rows),
     }  # fmt: skip
 
 
-def _read() -> list[Row]:
-    return json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
+def measured(rig: str) -> Row:
+    """The row of the rig of this name."""
+    with tempfile.TemporaryDirectory() as folder:
+        return row(BY_NAME[rig], Path(folder))
 
 
-def _write(rows: list[Row]) -> None:
-    """As a whole or not at all."""
-    scratch = RESULTS.with_suffix(".part")
-    scratch.write_text(json.dumps({"summary": summary(rows), "rows": rows}, indent=1) + "\n")
-    os.replace(scratch, RESULTS)
-
-
-def main(names: Sequence[str] = ()) -> None:
-    """Drive what is missing, or the rigs that are named."""
-    rows = {each["rig"]: each for each in _read()}
-    for rig in RIGS:
-        if rig.name not in names if names else rig.name in rows:
-            continue
-        with tempfile.TemporaryDirectory() as folder:
-            rows[rig.name] = row(rig, Path(folder))
-        _write([rows[each.name] for each in RIGS if each.name in rows])
-
-
-if __name__ == "__main__":
-    main(sys.argv[1:])
+STUDY = Study(
+    "raw_rigs",
+    measured,
+    lambda: combinations(rig=BY_NAME),
+    summary,
+    rests_on=lambda rig: dataclasses.asdict(BY_NAME[rig]),
+)

@@ -3,13 +3,14 @@
     python -m tests.claims.readme
 
 A part stands between the comments `<!-- NAME: ... -->` and `<!-- end of NAME -->`; its words are in
-readme/NAME.md.j2, which sees the results by name: commands.json as `commands`, and so on.
+readme/NAME.md.j2, which sees the summaries of studies by their names, their rows in `rows`, and the
+commands, their rows by what they are called.
 """
 
 import json
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,9 +19,9 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
 from srsinv.report.text import format_with_error
+from tests.claims.study import RESULTS, read
 
 ROOT = Path(__file__).resolve().parents[2]
-RESULTS = Path(__file__).parent / "results"
 TEMPLATES = Path(__file__).with_suffix("")
 PAGES = [
     ROOT / "README.md",
@@ -67,6 +68,16 @@ def by_noise(metrics: Metrics, name: str) -> str:
     return ", ".join(digits(metrics[f"{name}_{level}_dB"], "%") for level in (20, 40, 60))
 
 
+def where(rows: Sequence[Metrics], **labels: Any) -> list[Metrics]:
+    """The rows with these labels."""
+    return [row for row in rows if all(row[name] == each for name, each in labels.items())]
+
+
+def by(rows: Sequence[Metrics], name: str) -> dict[Any, Metrics]:
+    """The rows by one of their labels."""
+    return {row[name]: row for row in rows}
+
+
 def boards(metrics: Mapping[str, Metrics], name: str) -> dict[str, float]:
     """Of the pitches [m] of a board's recordings: the weighted mean, spread, mean standard error
     and the chi-square about the mean."""
@@ -95,11 +106,14 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    results = {path.stem: json.loads(path.read_text("utf-8")) for path in RESULTS.glob("*.json")}
-    metrics = {name: each["metrics"] for name, each in results["commands"].items()}
-    written = (digits, with_error, power, duration, span, by_noise)
+    summaries = {path.stem: json.loads(path.read_text("utf-8")) for path in RESULTS.glob("*.json")}
+    rows = {path.stem: read(path.stem) for path in RESULTS.glob("*.jsonl")}
+    commands = by(rows["commands"], "command")
+    metrics = {name: each["metrics"] for name, each in commands.items()}
+    written = (digits, with_error, power, duration, span, by_noise, where, by)
     env.filters |= {each.__name__: each for each in written}
-    env.globals |= {**results, "metrics": metrics, "other_lines": other_lines}
+    env.globals |= {**summaries, "rows": rows, "commands": commands, "metrics": metrics}
+    env.globals |= {"other_lines": other_lines}
     env.globals |= {"boards": partial(boards, metrics)}
     return env
 
@@ -122,7 +136,12 @@ def stale() -> dict[Path, str]:
     return {path: text for path, text in new.items() if text != pages[path]}
 
 
-if __name__ == "__main__":
+def write() -> None:
+    """Write what is stale."""
     for page, text in stale().items():
         page.write_text(text, encoding="utf-8")
         print(f"wrote {page.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    write()

@@ -1,18 +1,12 @@
-"""What the bands of inversions of a calibrated rig are worth: `python -m tests.claims.rig_bands`
-(minutes).
+"""What the bands of inversions of a calibrated rig are worth (minutes).
 
 Traction is drawn from the prior of Wiener's filter, on cells a tenth as wide as those of the
 inversion, and a rig from the covariance of its calibration; the signals are inverted as if the rig
 were the calibrated one, once with the covariance and once as if it were known exactly. Of p
 and q the cells that the scan passed are counted, less their mean, whose error would mask theirs.
-Writes results/rig_bands.json.
 """
 
 import dataclasses
-import json
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -28,9 +22,10 @@ from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.error import RigError
 from srsinv.inverse.wiener import TractionSpectrum, Wiener
+from srsinv.jobs.trials import Row
 from srsinv.numerics import BAND_90
+from tests.claims.study import Study, combinations
 
-RESULTS = Path(__file__).parent / "results" / "rig_bands.json"
 DRAWS, DEPTH_M, FRICTION, FINER = 60, 7.5e-4, 0.4, 10
 RMS_PA, SMOOTH_M = 4e3, 1.5e-3  # correlated as exp(-dx^2 / 2 l^2)
 SCAN = Motion.from_speed(np.arange(240) / 1000, np.full(240, 0.05), -6e-3)
@@ -136,17 +131,15 @@ def _drawn(rng: Rng) -> Float[np.ndarray, " fine"]:
     return RMS_PA * np.fft.irfft(root * np.fft.rfft(rng.normal(size=n)), n)[: LINE.n]
 
 
-def study(
-    setting: Setting, method: Callable[[Problem], TractionEstimate], draws: int = DRAWS
-) -> dict[str, Any]:
+def drawn(setting: str, method: str, draws: int) -> Row:
     """Coverage of the 90 % bands of p and q, rms of the relative error of p, and qualities."""
     rng, own = np.random.default_rng(7), {"with": [], "without": [], "exact": []}
     errors: list[float] = []
     failed = 0
     for _ in range(draws):
-        problems, traction = setting.problems(rng)
+        problems, traction = SETTINGS[setting].problems(rng)
         for name, problem in problems.items():
-            estimate = method(problem)
+            estimate = METHODS[method](problem)
             cells = problem.to_grid().observed_cells
             truth = np.asarray(averages(as_real(traction), LINE, estimate.line))
             own[name].append(_covered(estimate, truth, cells))
@@ -154,9 +147,9 @@ def study(
                 errors.append(float(relative_error(np.asarray(estimate.value), truth, cells)[0]))
                 failed += estimate.quality is Quality.FAILED
     return {
-        **{f"coverage_{c}_{name}": round(float(np.mean(rows, axis=0)[i]), 3)
+        **{f"coverage_{c}_{name}": float(np.mean(rows, axis=0)[i])
            for i, c in enumerate("pq") for name, rows in own.items()},
-        "error_p": round(float(np.sqrt(np.mean(np.square(errors)))), 3),
+        "error_p": float(np.sqrt(np.mean(np.square(errors)))),
         "failed": int(failed),
     }  # fmt: skip
 
@@ -171,14 +164,9 @@ def _covered(
     return np.mean(np.abs(wrong) <= BAND_90 * np.asarray(less_mean.stderr)[:, cells], axis=1)
 
 
-def main() -> None:
-    """Every setting by every method."""
-    of = {
-        name: {of: study(setting, method) for of, method in METHODS.items()}
-        for name, setting in SETTINGS.items()
-    }
-    RESULTS.write_text(json.dumps({"draws": DRAWS, "settings": of}, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study(
+    "rig_bands",
+    drawn,
+    lambda: combinations(setting=SETTINGS, method=METHODS, draws=[DRAWS]),
+    rests_on=lambda setting, **_: dataclasses.asdict(SETTINGS[setting]),
+)

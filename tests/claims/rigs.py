@@ -1,22 +1,18 @@
-"""What the standard errors of calibrations are worth: `python -m tests.claims.rigs` (an hour).
+"""What the standard errors of calibrations are worth (an hour).
 
 Random rigs record a ridge of known height and width, and are calibrated on it; then another ridge,
 which is fitted with the calibrated sensor, once with the calibration's covariance carried on and
 once as if the rig were known exactly. The signals are those of a model of its own, with finer cells
 and contact solved at every place (rig_scans.py).
 
-A third of the rigs have one strip, a quarter are passed there and back. Writes results/rigs.json,
-every few rigs, and goes on from what it holds. A rig's row has its `pulls`, errors over standard
-errors, and its standard errors, in the order of `PARAMETERS` (those of gains and depth relative);
-of the height fitted `with` and `without` the calibration's covariance quality, pull and relative
-standard error.
+A third of the rigs have one strip, a quarter are passed there and back. A rig's row has its
+`pulls`, errors over standard errors, and its standard errors, in the order of `PARAMETERS` (those
+of gains and depth relative); of the height fitted `with` and `without` the calibration's covariance
+quality, pull and relative standard error.
 """
 
-import json
-import os
 from collections import Counter
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -27,10 +23,11 @@ from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.rig.calibration import Calibration, calibrate
 from srsinv.inverse.rig.error import RigError
+from srsinv.jobs.trials import Row
 from tests.claims.rig_scans import RIDGE, Rig, Rng, random_rig
+from tests.claims.study import Study, combinations
 
-RESULTS = Path(__file__).parent / "results" / "rigs.json"
-RIGS, EACH = 1000, 10  # in all, and until the next are written
+RIGS = 1000
 BAND = 0.9
 LIMIT = float(norm.ppf((1 + BAND) / 2))
 SILENT = 3.0  # standard errors: a good answer beyond them is a silent failure
@@ -39,7 +36,6 @@ PARAMETERS = (
 )  # fmt: skip
 OF_SCAN = "position_m", "base_friction"
 HEIGHT = "height_m"
-Row = dict[str, Any]
 
 
 def rig_of(index: int) -> tuple[Rig, Rng]:
@@ -88,24 +84,23 @@ def refitted(rig: Rig, made: Calibration, rng: Rng) -> dict[str, FeatureEstimate
     }
 
 
-def row(index: int) -> Row:
+def measured(rig: int) -> Row:
     """What becomes of one rig."""
-    rig, rng = rig_of(index)
-    made = calibrated(rig, rng)
-    found = pulls(rig, made)
-    own: Row = {
-        "rig": index, "strips": len(rig.gains), "turns": rig.turns, "noise": rig.noise,
+    true, rng = rig_of(rig)
+    made = calibrated(true, rng)
+    found = pulls(true, made)
+    row: Row = {
+        "strips": len(true.gains), "turns": true.turns, "noise": true.noise,
         "quality": str(made.quality), "reasons": made.reasons,
         "pulls": [found.get(name) for name in PARAMETERS],
         "stderr": [_stderr(made, name) for name in PARAMETERS],
     }  # fmt: skip
     if made.quality is not Quality.FAILED:
-        for name, fitted in refitted(rig, made, rng).items():
+        for name, fitted in refitted(true, made, rng).items():
             height, error = fitted.parameters[HEIGHT]
-            pull = (height - rig.later[HEIGHT]) / error if np.isfinite(error) else np.nan
-            numbers = pull, error / rig.later[HEIGHT]
-            own[name] = [str(fitted.quality), *numbers]
-    return _rounded({key: each for key, each in own.items() if each != ()})
+            pull = (height - true.later[HEIGHT]) / error if np.isfinite(error) else np.nan
+            row[name] = [str(fitted.quality), pull, error / true.later[HEIGHT]]
+    return {key: each for key, each in row.items() if each != ()}
 
 
 def _stderr(made: Calibration, name: str) -> float | None:
@@ -116,21 +111,10 @@ def _stderr(made: Calibration, name: str) -> float | None:
     return error / abs(value) if name.startswith(("gain", "depth")) else error
 
 
-def _rounded(given: Any) -> Any:
-    """Numbers of four digits, null where one is not finite."""
-    if isinstance(given, dict):
-        return {key: _rounded(each) for key, each in given.items()}
-    if isinstance(given, list | tuple):
-        return [_rounded(each) for each in given]
-    if isinstance(given, float):
-        return float(f"{given:.4g}") if np.isfinite(given) else None
-    return given
-
-
 # --- what the rows say --------------------------------------------------------------------------
 
 
-def summary(rows: Sequence[Row]) -> dict[str, Any]:
+def summary(rows: Sequence[Row]) -> Row:
     """Coverage and scatter, of calibrations and of the later ridge's height, of what did not
     fail."""
     sound = [each for each in rows if each["quality"] != "failed"]
@@ -138,14 +122,15 @@ def summary(rows: Sequence[Row]) -> dict[str, Any]:
         f"{strips} strips" if strips > 1 else "1 strip": [r for r in sound if r["strips"] == strips]
         for strips in (1, 2)
     }
-    said = {
+    return {
+        "band": BAND,
+        "rigs": len(rows),
         "quality": dict(Counter(each["quality"] for each in rows)),
         "parameters": {kind: _of_parameters(own) for kind, own in kinds.items()},
         HEIGHT: {kind: _of_height(own) for kind, own in kinds.items()},
         "silent_failures": sum(map(_is_silent, sound)),
         "silent_failures_expected": _expected(sound),
     }
-    return _rounded(said)
 
 
 def _of_parameters(rows: Sequence[Row]) -> Row:
@@ -194,28 +179,4 @@ def _expected(rows: Sequence[Row]) -> float:
     return float(sum(1 - (1 - beyond) ** count for count in good))
 
 
-def _read() -> list[Row]:
-    return json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
-
-
-def _write(rows: list[Row]) -> None:
-    """As a whole or not at all."""
-    head = json.dumps({"band": BAND, "rigs": len(rows), "summary": summary(rows)}, indent=1)
-    each = ",\n".join(json.dumps(own) for own in rows)
-    scratch = RESULTS.with_suffix(".part")
-    scratch.write_text(f'{head[:-2]},\n "rows": [\n{each}\n]\n}}\n')
-    os.replace(scratch, RESULTS)
-
-
-def main() -> None:
-    """Calibrate what is missing."""
-    rows = {each["rig"]: each for each in _read()}
-    missing = [index for index in range(RIGS) if index not in rows]
-    for start in range(0, len(missing), EACH):
-        rows |= {index: row(index) for index in missing[start : start + EACH]}
-        _write([rows[index] for index in sorted(rows)])
-    _write([rows[index] for index in sorted(rows)])
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study("rigs", measured, lambda: combinations(rig=range(RIGS)), summary)

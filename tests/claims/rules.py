@@ -1,9 +1,8 @@
 """What a rule's choice of the weights costs over the best weights, and what its bands cover.
 
-`python -m tests.claims.rules` (minutes) writes results/rules.json. Tikhonov's method of first
-order, and on a smooth bump of second order, too, p and q apart, on simulated scenes in white noise
-at three signal-to-noise ratios. For every
-draw of the noise the oracle takes the two weights of least error, which needs the truth.
+Tikhonov's method of first order, and on a smooth bump of second order, too, p and q apart, on
+simulated scenes in white noise at three signal-to-noise ratios (minutes). For every draw of the
+noise the oracle takes the two weights of least error, which needs the truth.
 
 The discrepancy principle is no rule of the package: it is here to show why. With H the influence
 matrix, I - H = (I + G S G^T)^-1 in units of the noise, so that data drawn from the model leave
@@ -18,21 +17,17 @@ weights moved together costs up to 1.6 itself.
 """
 
 import dataclasses
-import json
 import math
-from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from functools import lru_cache
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from hydra import compose, initialize_config_dir
-from omegaconf import OmegaConf
 from scipy.stats import norm
 
 from srsinv import config
-from srsinv.__main__ import find_config_root
 from srsinv.forward.scene import TractionScene
 from srsinv.forward.traction import Pressure
 from srsinv.inverse.line import direct, spectral
@@ -41,8 +36,10 @@ from srsinv.inverse.line.rule import Choice, Evidence, GeneralisedCrossValidatio
 from srsinv.inverse.line.solve import Scorer, choose_path
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
+from srsinv.jobs.trials import Row
+from tests.claims.study import Study, combinations
+from tests.jobs.run import composed
 
-RESULTS = Path(__file__).parent / "results" / "rules.json"
 SNR_DB = (20.0, 30.0, 40.0)
 DRAWS, DRAWS_OF_GAPS = 40, 4  # of the noise
 BAND = 0.9
@@ -124,11 +121,10 @@ class Draw(NamedTuple):
     covered: float
 
 
+@lru_cache(maxsize=1)
 def problems(scene: str, snr_dB: float, draws: int) -> tuple[np.ndarray, list[LineProblem]]:
     """The true traction (2, n) less its mean over the samples' stretch, and noisy problems."""
-    with initialize_config_dir(str(find_config_root()), version_base="1.3"):
-        composed = compose("config", [*SCENES[scene], f"noise.snr.snr_dB={snr_dB}"])
-    cfg: Any = OmegaConf.to_container(composed, resolve=True)
+    cfg = composed(*SCENES[scene], f"noise.snr.snr_dB={snr_dB}")
     sim, friction = config.simulation(cfg), config.friction(cfg)
     if scene.startswith("smooth bump"):
         bump = TractionScene(0.0, 0.4, (SmoothBump(),))
@@ -202,51 +198,51 @@ def best_weights(
     return centre, along
 
 
-def measured(scene: str, snr_dB: float, draws: int) -> dict[str, dict[str, float]]:
-    """Of every rule: root mean square error over the oracle's, and coverage of its bands."""
+@lru_cache(maxsize=1)
+def oracles(scene: str, snr_dB: float, draws: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The best weights of every draw, by the names of `ORACLES`."""
+    truth, made = problems(scene, snr_dB, draws)
+    return [best_weights(problem, truth, ORDERS.get(scene, 1)) for problem in made]
+
+
+@lru_cache(maxsize=2)  # of the oracle, and of a rule
+def mean_draw(scene: str, snr_dB: float, rule: str, draws: int) -> Draw:
+    """The mean over all draws by a rule or an oracle."""
     truth, made = problems(scene, snr_dB, draws)
     order = ORDERS.get(scene, 1)
-    by_method: dict[str, list[Draw]] = {name: [] for name in (*ORACLES, *RULES)}
-    for problem in made:
-        for name, best in zip(ORACLES, best_weights(problem, truth, order), strict=True):
-            given = (float(10.0**weight) for weight in best)
-            by_method[name].append(draw(problem, truth, Tikhonov(order, *given)))
-        for name, rule in RULES.items():
-            by_method[name].append(draw(problem, truth, Tikhonov(order, rule=rule)))
-    mean = {name: np.mean(np.array(draws), axis=0) for name, draws in by_method.items()}
-    return {
-        name: {
-            "error_over_oracle": round(float(np.sqrt(square / mean["oracle"][0])), 4),
-            "coverage": round(float(covered), 4),
-        }
-        for name, (square, covered) in mean.items()
-    }
+    if rule in RULES:
+        methods = [Tikhonov(order, rule=RULES[rule])] * draws
+    else:
+        best = [each[ORACLES.index(rule)] for each in oracles(scene, snr_dB, draws)]
+        methods = [Tikhonov(order, *(float(10.0**one) for one in each)) for each in best]
+    every = [draw(problem, truth, by) for problem, by in zip(made, methods, strict=True)]
+    return Draw(*map(float, np.mean(every, axis=0)))
 
 
-def worst(cases) -> dict[str, dict[str, float]]:
+def measured(scene: str, snr_dB: float, rule: str, draws: int) -> Row:
+    """Root mean square error over the oracle's, and coverage of the bands."""
+    own, best = (mean_draw(scene, snr_dB, each, draws) for each in (rule, ORACLES[0]))
+    return {"error_over_oracle": np.sqrt(own.square / best.square), "coverage": own.covered}
+
+
+def cases() -> list[Row]:
+    """Every rule in every scene."""
+    every = combinations(scene=SCENES, snr_dB=SNR_DB, rule=(*ORACLES, *RULES))
+    return [each | {"draws": DRAWS_OF_GAPS if each["scene"] == GAPS else DRAWS} for each in every]
+
+
+def summary(rows: list[Row]) -> Row:
     """Of every rule: the largest error over the oracle's, and the least and the mean coverage."""
-    rows = [row for by_snr in cases.values() for row in by_snr.values()]
-    summary = {}
-    for name in rows[0]:
-        error, coverage = np.array([[*row[name].values()] for row in rows]).T
-        summary[name] = {
-            "largest_error_over_oracle": round(float(error.max()), 4),
-            "least_coverage": round(float(coverage.min()), 4),
-            "mean_coverage": round(float(coverage.mean()), 4),
+    worst = {}
+    for name in (*ORACLES, *RULES):
+        own = [row for row in rows if row["rule"] == name]
+        coverage = [row["coverage"] for row in own]
+        worst[name] = {
+            "largest_error_over_oracle": max(row["error_over_oracle"] for row in own),
+            "least_coverage": min(coverage),
+            "mean_coverage": float(np.mean(coverage)),
         }
-    return summary
+    return {"band": BAND, "worst": worst}
 
 
-def main() -> None:
-    """Measure and write."""
-    draws = {scene: DRAWS_OF_GAPS if scene == GAPS else DRAWS for scene in SCENES}
-    cases = {
-        scene: {f"{snr:g} dB": measured(scene, snr, count) for snr in SNR_DB}
-        for scene, count in draws.items()
-    }
-    record = {"band": BAND, "draws": draws, "worst": worst(cases), "cases": cases}
-    RESULTS.write_text(json.dumps(record, indent=1) + "\n")
-
-
-if __name__ == "__main__":
-    main()
+STUDY = Study("rules", measured, cases, summary)

@@ -1,29 +1,24 @@
 """What `effects=auto` leaves out of 100 random scenes, at three tolerances, against its bound.
 
-    python -m tests.claims.screening [FIRST LAST]
-
-writes tests/claims/results/screening.json, scene by scene: scenes that it holds are not run again.
-Delete it, or name scenes, to run them anew.
+It takes hours. A row says how many effects are `off`, how many of these change anything
+(`off_active`), the `bound` on what they change together and the `error`, what they do change.
 """
 
-import json
-import sys
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import Any
 
 import jax
 import numpy as np
 
 from srsinv import config
-from srsinv.command.programs import release_programs
 from srsinv.forward.trace import difference, pair
+from srsinv.jobs.trials import Row
 from tests.claims.random_scenes import configuration
+from tests.claims.study import Study, combinations
 
-RESULTS = Path(__file__).parent / "results" / "screening.json"
 SCENES = 100
 TOLERANCES = (0.1, 0.01, 0.001)
-MOST_MAPS = 30_000  # of memory: Linux ends a process that asks for 65530
 
 # Numbers at which an effect changes nothing: what is left out stays in the program at these, so
 # that hundreds of simulations share few programs. Others are left out as they are.
@@ -38,57 +33,46 @@ SILENT: Mapping[str, Mapping[str, Any]] = {
 }
 
 
-class ScreenedScene(NamedTuple):
-    """One scene at one tolerance: how many effects are off, that change anything (`active`) or not,
-    the bound on what they change together and what they do change."""
-
-    scene: int
-    tolerance: float
-    off: int
-    off_active: int
-    bound: float
-    error: float
-
-
-def measured(scene: int, is_silenced: bool = True) -> list[ScreenedScene]:
-    """One scene at every tolerance; with `is_silenced` what is off is there at silent numbers."""
-    rows, done = [], {}
-    with jax.enable_x64(True):
-        cfg, key = configuration(scene), jax.random.key(0)
-        full = config.simulation(cfg)
-        for tolerance in TOLERANCES:
-            screening = config.screened({**cfg, "tolerance": tolerance})[1]
-            assert screening is not None
-            if screening.on not in done:
-                select = _silenced if is_silenced else config.select_effects
-                less = config.simulation(select(cfg, screening.on))
-                whole, reduced = pair(full, less, key)
-                done[screening.on] = difference(reduced, whole)
-            off = [name for name in cfg["effects"] if name not in screening.on]
-            active = sum(screening.relative_change_bounds[name] > 0 for name in off)
-            rows.append(
-                ScreenedScene(
-                    scene, tolerance, len(off), active, screening.bound, done[screening.on]
-                )
-            )
+@lru_cache(maxsize=1)
+@jax.enable_x64(True)
+def measured(scene: int, is_silenced: bool = True) -> Mapping[float, Row]:
+    """One scene, by tolerance; with `is_silenced` what is off is there at silent numbers."""
+    rows, done = {}, {}
+    cfg, key = configuration(scene), jax.random.key(0)
+    full = config.simulation(cfg)
+    for tolerance in TOLERANCES:
+        screening = config.screened({**cfg, "tolerance": tolerance})[1]
+        assert screening is not None
+        if screening.on not in done:
+            select = _silenced if is_silenced else config.select_effects
+            less = config.simulation(select(cfg, screening.on))
+            whole, reduced = pair(full, less, key)
+            done[screening.on] = difference(reduced, whole)
+        off = [name for name in cfg["effects"] if name not in screening.on]
+        rows[tolerance] = {
+            "off": len(off),
+            "off_active": sum(screening.relative_change_bounds[name] > 0 for name in off),
+            "bound": screening.bound,
+            "error": done[screening.on],
+        }
     return rows
 
 
-def summary(rows: list[ScreenedScene]) -> dict[str, Any]:
+def summary(rows: list[Row]) -> Row:
     """What README and docs say of the rows."""
-    changed = [row for row in rows if row.error > 0]
-    by_tolerance = {f"{t:g}": [r for r in rows if r.tolerance == t] for t in TOLERANCES}
+    changed = [row for row in rows if row["error"]]
+    by_tolerance = {f"{t:g}": [r for r in rows if r["tolerance"] == t] for t in TOLERANCES}
+
+    def means(name: str) -> Row:
+        return {t: float(np.mean([r[name] for r in own])) for t, own in by_tolerance.items()}
+
     return {
-        "scenes": len({row.scene for row in rows}),
-        "error_over_bound_max": max(row.error / row.bound for row in changed),
-        "error_over_tolerance_max": max(row.error / row.tolerance for row in rows),
-        "bound_over_error_median": float(np.median([r.bound / r.error for r in changed])),
-        "effects_off_mean": {
-            t: float(np.mean([r.off for r in s])) for t, s in by_tolerance.items()
-        },
-        "effects_off_active_mean": {
-            t: float(np.mean([r.off_active for r in s])) for t, s in by_tolerance.items()
-        },
+        "scenes": len({row["scene"] for row in rows}),
+        "error_over_bound_max": max(row["error"] / row["bound"] for row in changed),
+        "error_over_tolerance_max": max(row["error"] / row["tolerance"] for row in rows),
+        "bound_over_error_median": float(np.median([r["bound"] / r["error"] for r in changed])),
+        "effects_off_mean": means("off"),
+        "effects_off_active_mean": means("off_active"),
     }
 
 
@@ -101,24 +85,9 @@ def _silenced(cfg: Mapping[str, Any], on: frozenset[str]) -> config.Config:
     return {**cfg, "effects": effects}
 
 
-def main(first: int, last: int, afresh: bool) -> None:
-    """Run the scenes that are not there yet, or all of them anew."""
-    held = json.loads(RESULTS.read_text())["rows"] if RESULTS.exists() else []
-    rows = {(row["scene"], row["tolerance"]): ScreenedScene(**row) for row in held}
-    done = set() if afresh else {scene for scene, _ in rows}
-    for scene in (each for each in range(first, last) if each not in done):
-        new_rows = measured(scene)
-        rows |= {(row.scene, row.tolerance): row for row in new_rows}
-        text = json.dumps(
-            {**summary(list(rows.values())), "rows": [rows[at]._asdict() for at in sorted(rows)]},
-            indent=1,
-        )
-        RESULTS.parent.mkdir(exist_ok=True)
-        RESULTS.write_text(text + "\n")
-        print(*new_rows, sep="\n", flush=True)
-        release_programs(MOST_MAPS)
-
-
-if __name__ == "__main__":
-    named = [int(each) for each in sys.argv[1:3]]
-    main(*(named or (0, SCENES)), afresh=bool(named))
+STUDY = Study(
+    "screening",
+    lambda scene, tolerance: measured(scene)[tolerance],
+    lambda: combinations(scene=range(SCENES), tolerance=TOLERANCES),
+    summary,
+)

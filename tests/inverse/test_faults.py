@@ -2,9 +2,8 @@
 
 import pytest
 
-from tests.claims.clean_draws import CHEAP, drawn
-from tests.claims.faults import METHODS, measured
-from tests.claims.faulty_scans import faults
+from tests.claims.clean_draws import drawn
+from tests.claims.faults import measured
 from tests.tiers import quick
 
 SAID = [
@@ -20,18 +19,18 @@ SAID = [
 @pytest.mark.full
 @pytest.mark.parametrize(("fault", "method", "words"), quick(SAID, SAID[2]))
 def test_a_fault_is_said(fault, method, words):
-    row = measured(faults()[fault], METHODS[method])
+    row = measured(fault, method)
     assert any(words in each for each in row["warnings"])
     assert row["quality"] != "good"
 
 
 @pytest.mark.full
 def test_nothing_is_said_of_a_clean_scan():
-    row = measured(faults()["none"], METHODS["wiener, friction known"])
+    row = measured("none", "wiener, friction known")
     assert (row["warnings"], row["quality"], row["rejected"]) == ([], "good", False)
 
 
 @pytest.mark.claim
 def test_clean_draws_are_hardly_ever_warned_of():
     """One in twenty at most: of 50 draws then seven or more have a chance of 1 %."""
-    assert drawn(CHEAP["wiener, friction known"], 50)["warned"] <= 6 / 50
+    assert drawn("wiener, friction known", 50)["warned"] <= 6 / 50

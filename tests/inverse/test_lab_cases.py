@@ -4,7 +4,8 @@ import json
 
 import pytest
 
-from tests.claims.lab_cases import RESULTS, cases, is_beyond, rows_of
+from tests.claims.lab_cases import answers, is_beyond
+from tests.claims.study import RESULTS
 
 # A ridge in a prior of smooth tractions, and weak hum that a quarter of a second does not tell from
 # a texture.
@@ -12,12 +13,12 @@ KNOWN = {"ridge_inverted: wiener", "hum_03_fast: wiener"}
 
 
 def test_what_is_good_and_beyond_is_known():
-    """Else: python -m tests.claims.lab_cases."""
-    assert set(json.loads(RESULTS.read_text())["good_and_beyond"]) == KNOWN
+    """Else: python -m tests.claims lab_cases."""
+    assert set(json.loads((RESULTS / "lab_cases.json").read_text())["good_and_beyond"]) == KNOWN
 
 
 @pytest.mark.full
 @pytest.mark.parametrize("case", ["tape_edge_3", "slip_100um"])
 def test_no_answer_is_good_and_beyond(case):
-    for by, row in rows_of(cases()[case]).items():
+    for by, row in answers(case).items():
         assert row["quality"] != "good" or not is_beyond(row), by

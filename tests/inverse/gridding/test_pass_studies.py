@@ -1,10 +1,10 @@
 """The studies of disturbances and of passes on few draws: bounds are three standard errors wide."""
 
-import numpy as np
 import pytest
 
 from tests.claims import disturbances, passes
-from tests.claims.disturbances import CLEAN
+from tests.claims.disturbances import CLEAN, SIZES
+from tests.claims.disturbing import Hum
 
 pytestmark = pytest.mark.full
 
@@ -20,18 +20,16 @@ def is_at_most(ratio, most):
 )
 def test_hum_costs_less_than_a_tenth(motion):
     scans = disturbances.scans_of(motion)
-    sizes = disturbances.hum_draws(scans, (4, 0, 2))[0]
-    for size, tally in sizes.items():
-        rows = tally.summary(1.0)
+    for size in SIZES["hum"]:
+        rows = disturbances.tallies(Hum(scans, size), (4, 0, 2))[0].summary(1.0)
         assert is_at_most(rows["mains"]["over_clean"], 1.1)
         assert rows["mains"]["coverage"] > 0.8
-        if float(size) >= 1:
+        if size >= 1:
             assert rows["untreated"]["over_clean"][0] > 2
 
 
 def test_drift_that_is_stated_costs_what_the_exact_posterior_says():
-    scans = disturbances.scans_of("one pass, 20 mm/s")
-    rows = disturbances.drift_case(scans, 0.1, (20, 0, 2))["weights held"]
+    rows = disturbances.measured("drift", "one pass, 20 mm/s", 0.1, (20, 0, 2))["weights held"]
     assert is_at_most(rows["stated"]["over_exact_of_same_draws"], 1.05)
     assert rows["stated"]["coverage"] > 0.75
     assert rows[CLEAN]["coverage"] > 0.8
@@ -39,15 +37,17 @@ def test_drift_that_is_stated_costs_what_the_exact_posterior_says():
 
 
 def test_errors_of_averaged_passes_follow_the_floor():
-    scans = [passes.scans_of(count) for count in (2, 8)]
-    one, many = (passes.measured(each, (12, 0), each is scans[1]) for each in scans)
-    noise = [passes.noise_of_mean(each, 5) for each in scans]
+    draws = {passes.NOISE: 5, **dict.fromkeys((passes.HELD, "shifts"), 12)}
+    one, many = (
+        {name: passes.measured(2, count, name, number) for name, number in draws.items()}
+        for count in (2, 8)
+    )
+    noise = [each[passes.NOISE]["times_root_of_passes"] for each in (one, many)]
     assert noise[1] == pytest.approx(noise[0], rel=0.06)
-    for each in (one, many):
-        for row in each["weights held"].values():
+    for name in "pq":
+        each = [own[passes.HELD][name] for own in (one, many)]
+        for row in each:
             assert is_at_most(row["over_floor"], 1.05)
             assert row["coverage"] > 0.8
-    gain = np.array(one["floor_Pa"]) / many["floor_Pa"]
-    assert np.all((gain > 1) & (gain < 1.3))  # far less than twice
-    for row in many["shifts"].values():
-        assert is_at_most(row["over_floor"], 1.1)
+        assert 1 < each[0]["floor_Pa"] / each[1]["floor_Pa"] < 1.3  # far less than twice
+        assert is_at_most(many["shifts"][name]["over_floor"], 1.1)

@@ -14,7 +14,7 @@ from srsinv.inverse.line.rig_bands import MOST_DIRECTIONS, fewer_directions
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.error import RigError
 from srsinv.inverse.wiener import Exponential, Wiener
-from tests.claims.rig_bands import METHODS, SETTINGS, study
+from tests.claims.rig_bands import drawn
 from tests.tiers import quick
 
 NOISE_V, DEPTH_M, FRICTION, CELL_M = 3e-8, 7.5e-4, 0.4, 2e-4
@@ -128,7 +128,7 @@ def test_features_on_a_line_carry_them_too():
 @pytest.mark.claim
 def test_bands_cover_where_the_rig_dominates():
     """At 60 dB, over draws of the traction, the rig and the noise."""
-    of = study(SETTINGS["two elements, 60 dB"], METHODS["wiener"], draws=60)
+    of = drawn("two elements, 60 dB", "wiener", draws=60)
     assert 0.85 < of["coverage_p_with"] < 0.95
     assert of["coverage_p_without"] < of["coverage_p_with"] - 0.2
 

@@ -14,11 +14,10 @@ import pytest
 
 import srsinv
 from srsinv.inverse.nonlinear import Optimistix
-from tests.claims.mgh import fits, rows_of, summary
+from tests.claims.mgh import BY_NAME, fits, rows_of, summary
 from tests.reference.mgh import FACTORS, PROBLEMS, ZERO
 from tests.tiers import quick
 
-BY_NAME = {problem.name: problem for problem in PROBLEMS}
 LARGE_RESIDUAL = ("brown_dennis", "penalty_1")
 RANK_DEFICIENT = ("freudenstein_roth", "jennrich_sampson", "chebyquad")  # of J in the minimum
 HARD = (*LARGE_RESIDUAL, *RANK_DEFICIENT)
