@@ -29,7 +29,7 @@ WEIGHED = "memory_bytes"
 PROFILES = ("signal_noise_free", "signal", "estimate", "estimate_stderr")  # of a random set
 
 
-class Family(NamedTuple):
+class GoldenFamily(NamedTuple):
     """`names()` of its cases; `entries(name)`: what the tree gives of one."""
 
     names: Callable[[], Iterator[str]]
@@ -109,8 +109,8 @@ def _random_set(cfg: dict[str, Any]) -> Entries:
 
 
 FAMILIES = {
-    "forms": Family(lambda: iter(short_forms()), _form),
-    "products": Family(lambda: iter(products.MODELS), products.entries),
-    "public": Family(lambda: iter(public.SCRIPTS), public.entries),
-    "random": Family(lambda: iter(_random()), _random_sets),
+    "forms": GoldenFamily(lambda: iter(short_forms()), _form),
+    "products": GoldenFamily(lambda: iter(products.MODELS), products.entries),
+    "public": GoldenFamily(lambda: iter(public.SCRIPTS), public.entries),
+    "random": GoldenFamily(lambda: iter(_random()), _random_sets),
 }
