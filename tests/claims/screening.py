@@ -68,7 +68,7 @@ def summary(rows: list[Row]) -> Row:
 
     return {
         "scenes": len({row["scene"] for row in rows}),
-        "error_over_bound_max": max(row["error"] / row["bound"] for row in changed),
+        "error_over_bound_max": max((r["error"] / r["bound"] for r in changed), default=0.0),
         "error_over_tolerance_max": max(row["error"] / row["tolerance"] for row in rows),
         "bound_over_error_median": float(np.median([r["bound"] / r["error"] for r in changed])),
         "effects_off_mean": means("off"),
