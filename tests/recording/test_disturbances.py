@@ -11,7 +11,6 @@ from srsinv.recording.even import load_even, on_even_times
 from srsinv.recording.inspection import inspect
 from srsinv.recording.passes import pass_differences, passes_of
 from srsinv.recording.template import sidecar_template
-from tests.recording.advice import follows
 from tests.recording.files import write_csv
 
 RATE_HZ, N = 1000.0, 3000
@@ -157,7 +156,6 @@ def test_shear_that_turns_over_is_found_and_left_out(
     assert left_out[inner & (distance_m < margin_m - 1e-6) & ~still].all()
 
 
-@follows("and the motion does not turn", "which leaves {} samples")
 def test_a_margin_that_cannot_be_is_refused(tmp_path):
     write_csv(tmp_path / "r.csv", table())
     with pytest.raises(BadInput, match="does not turn"):

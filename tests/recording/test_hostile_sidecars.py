@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 FACTS = json.loads((EXAMPLES / "strip_two_element.json").read_text())
 CANARY = "canary"
 WRITE = f"open({CANARY!r}, 'w').close()"
-QUICK = 8  # of each format, beside the literal ones; the slow test takes all, and so many drawn:
+QUICK = 5  # of each format, beside the literal ones; the slow test takes all, and so many drawn:
 DRAWN = 60
 
 # What a hostile part may look like.
@@ -48,25 +48,17 @@ PLACES = (
     ("sample_rate_hz",), ("channels",), ("signal_unit",), ("time_unit",), ("scan_start_m",),
     ("method",), ("noise",), ("effects",), ("job",), ("hydra",), ("_target_",), ("skin", "model"),
 )  # fmt: skip
+# Those of JSON and YAML alone that try to run something; further ones are rows of `bad`.
 LITERAL = {
     "yaml": (
         f"skin: !!python/object/apply:os.system ['rm {CANARY}']\n",
         f"skin: {{poisson_ratio: !!python/object/new:subprocess.Popen [['rm', {CANARY}]]}}\n",
         "a: &a [x, x]\nb: &b [*a, *a]\ngain: [*b, *b]\n",
-        "gain: 1\ngain: 2\n",
         "gain: !!float '2'\n",
-        "--- {gain: 2}\n--- {gain: 3}\n",
         "? [gain]\n: 2\n",
         "gain: " + "[" * 5000,
-        "speed_m_per_s: 1_100\n",
     ),
-    "json": (
-        '{"gain": 1, "gain": 2}',
-        '{"gain": ' + "[" * 100_000,
-        '{"gain": 1' + "0" * 10_000 + "}",
-        '{"description": "\\ud800"}',
-        '{"polarty": -1}',
-    ),
+    "json": ('{"description": "\\ud800"}',),
 }
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from srsinv.errors import BadInput
 from srsinv.jobs.inspect_recording import run
-from srsinv.recording import Recording, load
+from srsinv.recording import load
 from srsinv.recording.inspection import inspect
 from srsinv.report.data import metrics_json
 from tests.recording.files import write_csv
-from tests.recording.test_bad_files import assert_one_sentence
+from tests.recording.test_bad_files import check_sentence
 
 N = 40
 ROW = np.arange(N)
@@ -83,7 +83,7 @@ def test_load(case):
     if words:
         with pytest.raises(BadInput) as caught:
             load(path)
-        assert_one_sentence(caught.value, "r.npz", *words)
+        check_sentence(str(caught.value), "r.npz", *words)
         return
     got = load(path)
     expected = (GOOD | changes)["voltage_0_V"]
@@ -131,14 +131,3 @@ def test_facts(tmp_path, case):
     with pytest.raises(BadInput) as caught:
         load(tmp_path / "r.csv", **given)
     assert words in str(caught.value)
-
-
-def test_a_recording_of_such_numbers():
-    signal, speed = np.ones((1, 3)), np.ones(3)
-    for time_s, speed_m_per_s, words in (
-        (np.arange(3) * 1e-300, speed, "less than 1e-18 s"),
-        (np.arange(3) * 1e300, speed, "time_s is 1e\\+300"),
-        (np.arange(3.0), speed * 1e300, "speed_m_per_s is 1e\\+300"),
-    ):
-        with pytest.raises(BadInput, match=words):
-            Recording(signal, time_s, speed_m_per_s, ("a",))

@@ -174,6 +174,7 @@ def test_prepared_signals_are_not_saved_to_be_prepared_again(tmp_path):
         ),
         ({"notch_Hz": [200.0, 400.0], "notch_width_Hz": 60.0}, ("is 60.0", "100 Hz", "fewer")),
         ({"notch_width_Hz": 3.0}, ("notch_width_Hz is 3.0", "notch_Hz")),
+        ({"notch_Hz": [50.0, 99.0], "mains_Hz": [50.0, 150.0]}, ("50.0 Hz", "mains_Hz")),
     ],
 )
 def test_what_cannot_be_is_refused(facts, words):

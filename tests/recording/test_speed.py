@@ -75,3 +75,57 @@ def test_places_that_differ_by_rounding(tmp_path, start_m, ulps, stands):
     speed = speed_of(tmp_path, TIME_S, start_m + drawn * np.spacing(abs(start_m)))
     assert np.isfinite(speed).all()
     assert (not speed.any()) == stands
+
+
+# Positions that are exact, few, at rest, or rounded by an encoder
+
+
+def test_speed_from_positions_converges_with_fifth_order(tmp_path):
+    errors = []
+    for n in (20, 40, 80):
+        time_s = np.linspace(5.0, 6.0, n)
+        speed = speed_of(tmp_path, time_s, np.sin(4 * time_s))
+        errors.append(np.max(np.abs(speed - 4 * np.cos(4 * time_s))))
+    slopes = np.diff(np.log2(errors))
+    assert np.all(slopes < -4.5), slopes
+
+
+@pytest.mark.parametrize("samples", [3, 4, 5, 6])
+def test_speed_of_few_positions(tmp_path, samples):
+    time_s = np.arange(samples) * 0.1
+    speed = speed_of(tmp_path, time_s, 2 - 3 * time_s**2)
+    np.testing.assert_allclose(speed, -6 * time_s, atol=1e-12)
+
+
+def test_positions_that_stand_still_or_start(tmp_path):
+    """No swing of a spline makes a motion of rest, or turns one that never goes back."""
+    at_rest, starting = 0.01 + 0 * TIME_S, 0.05 * np.maximum(TIME_S - 0.1, 0)
+    for position_m, fastest in ((at_rest, 0.0), (starting, 0.05)):
+        speed = speed_of(tmp_path, TIME_S, position_m)
+        assert speed.min() >= 0
+        np.testing.assert_allclose(speed.max(), fastest, rtol=1e-9)
+
+
+@pytest.mark.parametrize("step_m", [1e-7, 1e-6, 2.5e-6])
+def test_rounded_positions(tmp_path, step_m):
+    """A spline through them would be off by the rounding over the interval: 5 m/s per metre."""
+    rate_hz, mean = 2000.0, 0.02
+    time_s = np.arange(4000) / rate_hz
+    speed = mean * (1 + 0.2 * np.sin(2 * np.pi * time_s))
+    exact = 0.01 + mean * (time_s - 0.2 / (2 * np.pi) * np.cos(2 * np.pi * time_s))
+    got = speed_of(tmp_path, time_s, np.round(exact / step_m) * step_m)
+    error = np.abs(got - speed)[64:-64]
+    assert error.max() < 0.01 * mean
+    # By a spline: of the order of the step over the interval.
+    assert error.max() < 0.1 * step_m * rate_hz or step_m < 1e-6
+
+
+def test_rounded_positions_neither_overshoot_nor_turn_back(tmp_path):
+    rate_hz, mean = 2000.0, 0.02
+    time_s = np.arange(2000) / rate_hz
+    rounded = np.round(mean * np.clip(time_s - 0.25, 0, 0.5), 6)
+    got = speed_of(tmp_path, time_s, rounded)
+    assert got.min() >= 0
+    assert got.max() <= np.diff(rounded).max() * rate_hz * (1 + 1e-9)
+    np.testing.assert_allclose(got[:400], 0, atol=1e-12)
+    np.testing.assert_allclose(got[700:1300], mean, rtol=2e-3)
