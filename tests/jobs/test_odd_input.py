@@ -17,7 +17,6 @@ import yaml
 from srsinv.__main__ import main
 from tests.jobs import odd_columns
 from tests.shared import SHARED, needs_shared
-from tests.tiers import quick
 
 ROOT = Path(__file__).resolve().parents[2]
 LAB_FILES = SHARED / "lab_files"
@@ -43,8 +42,8 @@ COMMANDS = {
     "compare": ("experiment=compare", *FIXED),
 }
 EVERY = [(file, command) for command in COMMANDS for file in odd_columns.ODD]
-# Of those of the first tier most are refused before anything is computed; a few more are in the
-# second, and all are in the third, as they take an hour and a half.
+# Of those of the first tier most are refused before anything is computed; the second has those that
+# failed once and take seconds; the third has all, in an hour and a half.
 FIRST = [
     ("one constant", "inspect"),
     ("3 rows", "invert"),
@@ -53,6 +52,25 @@ FIRST = [
     ("speed alternating", "invert"),
     ("one empty", "calibrate"),
 ]
+SECOND = [
+    ("a ramp", "invert with gaps"),
+    ("1e9 + 1e-6 V", "invert"),
+    ("speed alternating", "fit"),
+    ("positions with a spike", "fit a ridge"),
+    ("positions + 1e9", "measure a kernel"),
+    ("positions * 1e5", "compare"),
+]
+CASES = [
+    *FIRST,
+    *(pytest.param(*case, marks=pytest.mark.full) for case in SECOND),
+    *(pytest.param(*case, marks=pytest.mark.claim)
+      for case in EVERY if case not in (*FIRST, *SECOND)),
+]  # fmt: skip
+# Hundreds of steps over a metre of cells, for a rig that such signals do not determine.
+LONG_S = {
+    ("positions with a spike", "calibrate"): 1200,
+    ("speed over ten decades", "calibrate"): 600,
+}
 
 
 def check_end(code: int, said: str, folder: Path) -> None:
@@ -74,40 +92,6 @@ def run(arguments, folder, capsys, most_s=MOST_S):
     code = main([*arguments, f"hydra.run.dir={folder}"])
     check_end(code, capsys.readouterr().err, folder)
     assert time.monotonic() - began_s < most_s
-
-
-SLOW = [  # half a minute and more
-    ("speed over ten decades", "invert"),
-    ("positions alternating", "fit a ridge"),
-    ("speed random", "calibrate"),
-    ("two levels", "calibrate"),
-]
-# Hundreds of steps over a metre of cells, for a rig that such signals do not determine.
-LONG_S = {
-    ("positions with a spike", "calibrate"): 1200,
-    ("speed over ten decades", "calibrate"): 600,
-}
-# By failing once, or by taking minutes.
-FOUND = [
-    ("1e9 + 1e-6 V", "invert"),
-    ("speed alternating", "fit"),
-    ("positions with a spike", "fit"),
-    ("positions with a spike", "fit a ridge"),
-    ("positions nearly equal", "fit a ridge"),
-    ("positions + 1e9", "measure a kernel"),
-    ("positions * 1e5", "compare"),
-    ("an impulse", "compare"),
-]
-SECOND = [
-    *FOUND,
-    *(case for case in EVERY[:: 5 * len(COMMANDS) + 1] if case not in (*FIRST, *FOUND, *SLOW)),
-]
-CASES = [
-    *FIRST,
-    *(pytest.param(*case, marks=pytest.mark.full) for case in SECOND),
-    *(pytest.param(*case, marks=pytest.mark.claim)
-      for case in EVERY if case not in (*FIRST, *SECOND)),
-]  # fmt: skip
 
 
 @pytest.mark.parametrize(("file", "command"), CASES)
@@ -133,9 +117,13 @@ SURROUNDINGS = yaml.safe_load(
 )
 
 
-@pytest.mark.parametrize(
-    "name", quick(SURROUNDINGS, *(name for name, each in SURROUNDINGS.items() if each.get("quick")))
-)
+def tier(name):
+    """A case with the mark of the first tier that has it."""
+    of = SURROUNDINGS[name].get("tier", "full")
+    return pytest.param(name, marks=() if of == "quick" else getattr(pytest.mark, of))
+
+
+@pytest.mark.parametrize("name", [tier(name) for name in SURROUNDINGS])
 def test_surroundings(name, tmp_path):
     case = SURROUNDINGS[name]
     path = odd_columns.write("as it is", tmp_path)
