@@ -123,9 +123,11 @@ KINDS: Mapping[str, Make] = {
     "nothing": Path.touch,
     "noise": lambda path: path.write_bytes(bytes(range(256)) * 40),
 }
-PLACES = (f"x/{MANIFEST}", "x/metrics.json", "x/result.nc", FAILURES)
+PLACES = (f"x/{MANIFEST}", "x/result.nc", FAILURES)
 FOLDERS: Mapping[str, Make] = {
-    **{f"{kind} as {name}": instead(name, put) for kind, put in KINDS.items() for name in PLACES},
+    **{f"{kind} as metrics": instead("x/metrics.json", put) for kind, put in KINDS.items()},
+    **{f"{kind} as {name}": instead(name, KINDS[kind])
+       for kind in ("a pipe", "an endless device", "noise") for name in PLACES},
     # metrics.json
     "escapes in a name": run({f"m{ESCAPES}": 1.0}),
     "escapes in a word": run({"m": ESCAPES}),
