@@ -17,8 +17,13 @@ def test_what_is_good_and_beyond_is_known():
     assert set(json.loads((RESULTS / "lab_cases.json").read_text())["good_and_beyond"]) == KNOWN
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("case", ["tape_edge_3", "slip_100um"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param("slip_100um", marks=pytest.mark.full),
+        pytest.param("tape_edge_3", marks=pytest.mark.claim),
+    ],
+)
 def test_no_answer_is_good_and_beyond(case):
     for by, row in answers(case).items():
         assert row["quality"] != "good" or not is_beyond(row), by
