@@ -81,6 +81,11 @@ def beside(name: str, content: str) -> Make:
     return make
 
 
+def latin_sidecar(path: Path) -> None:
+    write_csv(path, COLUMNS)
+    path.with_suffix(".yaml").write_bytes("description: µ".encode("latin-1"))
+
+
 def two_sidecars(path: Path) -> None:
     beside("r.json", "{}")(path)
     (path.parent / "r.yaml").write_text("{}")
@@ -326,6 +331,8 @@ BAD: dict[str, Bad] = {
     "lengths in netCDF": Bad("r.nc", table(time_s=TIME_S[1:]), ["time_s 11"]),
     "lengths in TDMS": Bad("r.tdms", table(time_s=TIME_S[1:]), ["time_s 11"]),
     "a table in a table": Bad("r.npz", table(time_s=TIME_S[None]), ["(1, 12)", "1-D"]),
+    "a signal of two rows in netCDF": Bad("r.nc", table(voltage_0_V=SIGNAL), ["voltage_0_V"]),
+    "complex in MATLAB": Bad("r.mat", table(time_s=TIME_S * 1j), ["time_s", "1-D"]),
     "a signal of two rows": Bad("r.h5", table(voltage_0_V=SIGNAL), ["voltage_0_V has shape"]),
     "one number": Bad("r.h5", table(speed_m_per_s=0.1), ["speed_m_per_s has shape ()"]),
     "complex": Bad("r.h5", table(time_s=TIME_S * 1j), ["time_s", "complex128"]),
@@ -363,6 +370,7 @@ BAD: dict[str, Bad] = {
     "no such sidecar": Bad(
         "r.csv", table(), ["no such sidecar", "recording.sidecar"], {"sidecar": "r.s.yaml"}
     ),
+    "a sidecar in Latin-1": Bad("r.csv", latin_sidecar, ["r.yaml", "UTF-8"]),
     "two sidecars": Bad("r.csv", two_sidecars, ["r.json, r.yaml", "recording.sidecar"]),
     "a sidecar in netCDF": Bad(
         "r.nc", h5(lambda file: file.attrs.__setitem__("sidecar", "{")), ["attribute sidecar"]
@@ -456,6 +464,7 @@ HARMFUL: dict[str, Bad] = {
         dataset(shape=(N,), maxshape=(None,), dtype="f8", chunks=(5 * 10**8,), compression="gzip"),
         ["time_s has 12 values in chunks of 500000000"],
     ),
+    "packed a millionfold": Bad("r.h5", without_time(bomb), ["time_s has chunks that may unpack"]),
     "foreign filter": Bad("r.h5", without_time(foreign_filter), ["time_s is packed by filter 307"]),
     "two filters": Bad(
         "r.h5", dataset(shape=(N,), dtype="f8", compression="gzip", scaleoffset=3), ["packed by"]
@@ -529,7 +538,6 @@ LARGE: dict[str, Bad] = {
         "r.npz", later(lambda: npz({"voltage_0_V.npy": npy(" " * 300 * MB, version=2)})),
         ["not a plain array"],
     ),
-    "packed a millionfold": Bad("r.h5", without_time(bomb), ["time_s has chunks that may unpack"]),
     "matlab packed": Bad(
         "r.mat", later(lambda: matlab(packed(matlab_vector(10**8, bytes(200 * MB))))), [".mat"]
     ),

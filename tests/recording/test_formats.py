@@ -2,6 +2,7 @@
 
 import json
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -41,6 +42,14 @@ def test_every_format_gives_the_same_recording(tmp_path, format):
     holed = np.where(np.arange(N) == 4, np.nan, SIGNAL[1])
     write(format, tmp_path, columns(voltage_1_V=holed))
     np.testing.assert_array_equal(load(tmp_path / got.name, missing="allow").signal[1], holed)
+
+
+def test_columns_in_one_group_beside_dead_links(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        for name, values in COLUMNS.items():
+            file[f"scan/{name}"] = values
+        file["time_s"] = h5py.SoftLink("/nowhere")
+    np.testing.assert_array_equal(load(tmp_path / "r.h5").signal, SIGNAL)
 
 
 def test_matlab_vectors_of_either_shape_and_what_stands_beside_them(tmp_path):

@@ -171,8 +171,13 @@ def test_files_beside_a_recording_are_named_by_their_own_keys(tmp_path):
     assert "recording." not in said
     write_csv(tmp_path / "p.csv", {"x": range(5), "height_um": range(5)})
     refused(lambda: load_profile(tmp_path / "p.csv"), "position_m")
-    names = ["time_s", "depth_m"]
+    names = ["position_m", "height_um"]
     refused(lambda: load_columns(tmp_path / "p.csv", names, "rig.path", "a file"), "rig.path")
+    write_csv(tmp_path / "p.csv", {"position_m": range(5), "height_um": range(5)})
+    columns = load_columns(tmp_path / "p.csv", names, "rig.path", "a file")
+    np.testing.assert_allclose(columns["height_um"], range(5))
+    profile = load_profile(tmp_path / "p.csv")
+    np.testing.assert_allclose(profile["profile_m"], 1e-6 * np.arange(5))
     write_csv(tmp_path / "r.csv", {"time_s": range(9)})
     refused(lambda: load(tmp_path / "r.csv", calibration=tmp_path / "rig.json"), "calibration")
 
