@@ -6,18 +6,14 @@ from tests.claims import disturbances, passes
 from tests.claims.disturbances import CLEAN, SIZES
 from tests.claims.disturbing import Hum
 
-pytestmark = pytest.mark.full
-
 
 def is_at_most(ratio, most):
     value, stderr = ratio
     return value < most + 3 * stderr
 
 
-@pytest.mark.parametrize(
-    "motion",
-    ["six passes, 20 mm/s", pytest.param("one pass, 20 mm/s", marks=pytest.mark.claim)],
-)
+@pytest.mark.claim
+@pytest.mark.parametrize("motion", ["six passes, 20 mm/s", "one pass, 20 mm/s"])
 def test_hum_costs_less_than_a_tenth(motion):
     scans = disturbances.scans_of(motion)
     for size in SIZES["hum"]:
@@ -28,6 +24,7 @@ def test_hum_costs_less_than_a_tenth(motion):
             assert rows["untreated"]["over_clean"][0] > 2
 
 
+@pytest.mark.full
 def test_drift_that_is_stated_costs_what_the_exact_posterior_says():
     rows = disturbances.measured("drift", "one pass, 20 mm/s", 0.1, (20, 0, 2))["weights held"]
     assert is_at_most(rows["stated"]["over_exact_of_same_draws"], 1.05)
@@ -36,6 +33,7 @@ def test_drift_that_is_stated_costs_what_the_exact_posterior_says():
     assert rows["high-pass"]["coverage"] < 0.5
 
 
+@pytest.mark.claim
 def test_errors_of_averaged_passes_follow_the_floor():
     draws = {passes.NOISE: 5, **dict.fromkeys((passes.HELD, "shifts"), 12)}
     one, many = (

@@ -127,7 +127,7 @@ def test_paths_are_the_dense_posterior(path, offset):
     ("reach", "offset"),
     [
         (0.3, None),
-        pytest.param(0.03, 0.0, marks=pytest.mark.full),
+        pytest.param(0.03, 0.0, marks=pytest.mark.claim),
         pytest.param(0.03, None, marks=pytest.mark.claim),
         pytest.param(0.3, 0.0, marks=pytest.mark.claim),
     ],
@@ -159,7 +159,7 @@ def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    "size", [1.0, *(pytest.param(each, marks=pytest.mark.full) for each in (0.1, 10.0))]
+    "size", [1.0, *(pytest.param(each, marks=pytest.mark.claim) for each in (0.1, 10.0))]
 )
 def test_hum_costs_hardly_any_information(size):
     """The floor with the waves that hum is taken for, beside that without, and the error of what
@@ -234,7 +234,7 @@ def test_a_fit_of_features_takes_hum_out():
     assert hummed.chi2_per_freedom == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_ridge_is_fitted_and_a_rig_calibrated_beside_hum_and_drift():
     """In noise that both estimate from what they leave: as without, but for what drift costs."""
     rng, clean = np.random.default_rng(7), rig.clean(rig.FEATURES["ridge"][0])

@@ -150,6 +150,12 @@ def test_what_is_held_stays_and_the_rest_is_surer():
     assert not known.keys() & tight.parameters.keys()
     for name, factor in (("gain_1", 0.9), ("offset_2_m", 0.6)):
         assert tight.parameters[name][1] < factor * loose.parameters[name][1]
+
+
+@pytest.mark.claim
+def test_what_is_named_alone_is_free():
+    feature, held = FEATURES["ridge"]
+    signal = recorded(feature, np.random.default_rng(4))
     some = calibrate(problem(signal), feature, held, free=["gain_1", "gain_2"])
     assert set(some.parameters) == {"gain_1", "gain_2", "position_m", "base_friction"}
 
