@@ -54,6 +54,10 @@ class Trial:
     count: int = 1
     rests_on: Mapping[str, Any] = field(default_factory=dict)
 
+    def __str__(self) -> str:
+        """Its labels in a row."""
+        return ", ".join(map(str, self.labels.values()))
+
 
 @dataclass(frozen=True)
 class Timing:
