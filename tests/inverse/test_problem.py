@@ -23,7 +23,6 @@ from srsinv.inverse.wiener import Exponential, Wiener
 from srsinv.recorded import motion_of, sensor_of
 from srsinv.recording import Recording
 from tests.inverse.cases import make_case
-from tests.tiers import quick
 
 SENSOR = Sensor([Film(angle_rad=angle) for angle in (0.0, np.pi / 2)])
 SAMPLES, SPEED = 240, 0.05
@@ -60,7 +59,13 @@ def strip_problem(name="steady", **known) -> Problem:
     return Problem(SENSOR, motion, signal, NOISE, **known)
 
 
-@pytest.mark.parametrize("name", quick(["backwards", "varying"]))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("varying", marks=pytest.mark.full),
+        pytest.param("backwards", marks=pytest.mark.claim),
+    ],
+)
 def test_every_method_takes_it_and_says_on_which_line_its_answer_is(name):
     problem, line = strip_problem(name), Open(20, 5e-4, -4.75e-3)
     truth = strip(line) * np.array([[1.0], [np.sign(SPEEDS[name][0])]])

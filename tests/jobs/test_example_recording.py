@@ -36,7 +36,7 @@ def test_files(folder):
         np.testing.assert_allclose(recording.signal[:, :800].std(axis=1), 1.5e-5, rtol=0.1)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_looked_at_and_fitted(folder):
     known, unknown = (
         f"recording.path={folder / name}.csv" for name in ("known_ridge", "unknown_ridge")

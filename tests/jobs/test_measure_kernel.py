@@ -123,16 +123,22 @@ REFUSED = {
     "no pressure": (["feature=ridge", "fit.hold={{height_m:1e-5,width_m:1e-3}}",
                      "+feature.ridge.edge_length_m=1e-5", "recording.nominal_pressure_Pa=null"],
                     "No nominal pressure is known"),
-    "too short": (["sensor.depth_m=2e-3"], "scan further"),
 }  # fmt: skip
+AFTER_MEASURING = {"too short": (["sensor.depth_m=2e-3"], "scan further")}
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("case", quick(REFUSED, "another file", "a name"))
+@pytest.mark.parametrize(
+    "case",
+    [
+        *quick(REFUSED, "another file", "a name"),
+        *(pytest.param(each, marks=pytest.mark.claim) for each in AFTER_MEASURING),
+    ],
+)
 def test_refused(tmp_path, capsys, case):
     other = tmp_path / "other.nc"
     other.write_bytes(b"mine")
-    overrides, said = REFUSED[case]
+    overrides, said = (REFUSED | AFTER_MEASURING)[case]
     typed = [each.format(lab=tmp_path) for each in overrides]
     keys = {each.partition("=")[0] for each in typed}
     form = [each for each in short_form("measure_kernel") if each.partition("=")[0] not in keys]

@@ -94,7 +94,7 @@ def hum(rng, sizes=(1.0, 0.4)):
 @pytest.mark.parametrize(
     ("path", "offset"),
     [
-        pytest.param("direct", None, marks=pytest.mark.full),
+        pytest.param("direct", None, marks=pytest.mark.claim),
         pytest.param("iterative", 0.0, marks=pytest.mark.full),
         pytest.param("direct", 0.0, marks=pytest.mark.claim),
         pytest.param("iterative", None, marks=pytest.mark.claim),
@@ -181,7 +181,7 @@ def test_hum_costs_hardly_any_information(size):
     assert ratio < 1.1
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_rule_chooses_as_without_hum_or_drift():
     rng = np.random.default_rng(5)
     x = SPEED * TIME_S

@@ -23,7 +23,6 @@ from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.calibration import calibrate
-from tests.tiers import quick
 
 EDGE_M, PRESSURE_PA, SPEED, RATE_HZ = 5e-5, 3e4, 0.02, 1000.0
 WINDOW_M = (-0.015, 0.015)
@@ -104,7 +103,13 @@ CASES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", quick(CASES))
+@pytest.mark.parametrize(
+    "case",
+    [
+        *(pytest.param(each, marks=pytest.mark.full) for each in ("ridge", "step")),
+        pytest.param("line, there and back", marks=pytest.mark.claim),
+    ],
+)
 def test_the_rig_that_made_the_signals(case):
     """Gains of either sign, from a sensor stated 8 % too shallow, 5 degrees and 0.3 mm off."""
     name, back = CASES[case]
