@@ -21,7 +21,7 @@ from ..report.result import Result
 from ..report.section import sections
 from ..report.text import significant
 from ._statistics import differences, ranks
-from .estimates import Answers, Variables, estimate_coordinates, estimate_variables, valid_stderr
+from .estimates import Answers, Variables, estimate_coordinates, estimate_variables
 from .monte_carlo import (
     FEATURE_FIT,
     fit_variables,
@@ -51,10 +51,11 @@ def on_recording(
     of_all = answer_variables(answers.first)
     of_all["quality_all"] = of_all.pop("quality")
     halves = [" ".join(each.status.advice for each in of[1:]) for of in answers.of.values()]
+    own = _samples(problem, answers, signal, units)
     variables = (
-        _samples(problem, answers, signal, units)
+        own
         | _held_out(problems, answers)
-        | _profiles(problems, answers, units[1])
+        | _profiles(problem, own, units[1])
         | of_all
         | {"status_halves": ("estimator", halves, "1")}
         | scalars({"cells": problem.line.n})
@@ -146,12 +147,11 @@ def _held_out(problems: Sequence[LineProblem], answers: Answers[Estimate]) -> Va
     }
 
 
-def _profiles(problems: Sequence[LineProblem], answers: Answers[Estimate], units: str) -> Variables:
-    """p and q: their bands, where they are highest, how well the halves repeat them, and by how
-    much the methods differ."""
-    cells, x = problems[0].observed_cells, np.asarray(problems[0].line.x)
-    value = answers.each(lambda each: each.value)
-    stderr = answers.each(lambda each: valid_stderr(each, cells))[:, 0]
+def _profiles(problem: LineProblem, own: Variables, units: str) -> Variables:
+    """p and q: how wide their bands are, where they are highest, how well the halves repeat them,
+    and by how much the methods differ."""
+    cells, x = problem.observed_cells, np.asarray(problem.line.x)
+    value, stderr = own["estimate"][1], own["estimate_stderr"][1][:, 0]
     moved = deviation(value[:, 1], cells) - deviation(value[:, 2], cells)
     p = deviation(value[:, 0, 0], cells)
     apart = np.linalg.norm(p[:, None] - p[None], axis=-1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..progress import stage, steps
 from ..report.text import sized
-from .trials import Row, Rows, Trial
+from .trials import Row, Trial, TrialRows
 
 LEAST_GROWTH = 1.0  # power of the size with which a family's time grows, at least
 
@@ -18,7 +18,7 @@ Family = tuple[str, str, str]  # part, line, family
 
 
 def measure_in_turns(
-    trials: Sequence[Trial], rows: Rows, budget_s: float = math.inf
+    trials: Sequence[Trial], rows: TrialRows, budget_s: float = math.inf
 ) -> tuple[list[Row], list[Trial]]:
     """Rows of the trials in their order, and the trials that are left out for want of time [s].
 

@@ -52,7 +52,7 @@ class Recipe:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RecipeOutcome:
     """What a recipe came to.
 
     - `value` (row, point): the quantity at the common points, p or q less the mean.
@@ -76,7 +76,7 @@ class Outcome:
         """Of both stages."""
         return self.simulate_s + self.invert_s
 
-    def error_from(self, other: "Outcome") -> float:
+    def error_from(self, other: "RecipeOutcome") -> float:
         """Distance from another outcome's value, over that one's norm."""
         return float(np.linalg.norm(self.value - other.value) / np.linalg.norm(other.value))
 
@@ -99,9 +99,9 @@ class Recipes(abc.ABC):
     along: str = "m"
 
     def __init__(self):
-        self._done: dict[Recipe, Outcome] = {}
+        self._done: dict[Recipe, RecipeOutcome] = {}
 
-    def __call__(self, recipe: Recipe) -> Outcome:
+    def __call__(self, recipe: Recipe) -> RecipeOutcome:
         """The outcome of a recipe."""
         if recipe not in self._done:
             self._done[recipe] = self.run(recipe)
@@ -116,7 +116,7 @@ class Recipes(abc.ABC):
         return [1 / level if name == "count" else float(level) for level in self.levels(name)]
 
     @property
-    def done(self) -> tuple[Outcome, ...]:
+    def done(self) -> tuple[RecipeOutcome, ...]:
         """All that were run."""
         return tuple(self._done.values())
 
@@ -127,7 +127,7 @@ class Recipes(abc.ABC):
         return recipe.with_(count=next(wanted, self.counts[-1]), refinement=refinement)
 
     @abc.abstractmethod
-    def run(self, recipe: Recipe) -> Outcome:
+    def run(self, recipe: Recipe) -> RecipeOutcome:
         """Run it, whether or not it was run before."""
 
     @abc.abstractmethod
@@ -153,7 +153,9 @@ def inverted(methods: Methods, recipe: Recipe, problem: Callable[[], LineProblem
         return timed(lambda: method(problem()), REPEATS, MOST_S)
 
 
-def outcome_of(recipe: Recipe, one: Timed, points: np.ndarray, quantity: str, simulated) -> Outcome:
+def outcome_of(
+    recipe: Recipe, one: Timed, points: np.ndarray, quantity: str, simulated
+) -> RecipeOutcome:
     """The outcome of an estimate and its times, `simulated` the seconds of a first and of a further
     call before it."""
     estimate, (first, steady) = one.value, simulated
@@ -164,7 +166,9 @@ def outcome_of(recipe: Recipe, one: Timed, points: np.ndarray, quantity: str, si
     if estimate.stats.get("path") == "direct":
         unknowns = line.n * (1 if estimate.friction is not None else 2)
         memory += 8.0 * unknowns**2 * DENSE_ARRAYS
-    return Outcome(recipe, value, steady, one.median_s, first + one.first_s, floor, line.n, memory)
+    return RecipeOutcome(
+        recipe, value, steady, one.median_s, first + one.first_s, floor, line.n, memory
+    )
 
 
 def paths_of(problem: LineProblem) -> list[str]:

@@ -14,8 +14,8 @@ from ._plan_recipes import (
     SIGNAL,
     WIDEST,
     Methods,
-    Outcome,
     Recipe,
+    RecipeOutcome,
     Recipes,
     inverted,
     outcome_of,
@@ -71,7 +71,7 @@ class RecordingRecipes(Recipes):
     def _gridded(self, recipe: Recipe) -> LineProblem:
         return self._problem(recipe.precision).to_grid(recipe.count * self._spacing_m)
 
-    def run(self, recipe: Recipe) -> Outcome:
+    def run(self, recipe: Recipe) -> RecipeOutcome:
         self._problem(recipe.precision)  # read once, before the time counts
         one = inverted(self._methods, recipe, lambda: self._gridded(recipe))
         return outcome_of(recipe, one, self.points, self._quantity, (0.0, 0.0))

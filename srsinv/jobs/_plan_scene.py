@@ -25,8 +25,8 @@ from ._plan_recipes import (
     SIMULATED_ARRAYS,
     WIDEST,
     Methods,
-    Outcome,
     Recipe,
+    RecipeOutcome,
     Recipes,
     inverted,
     outcome_of,
@@ -127,12 +127,12 @@ class SceneRecipes(Recipes):
         data = jnp.where(clean.is_observed, clean.data + as_real(drawn), 0.0)
         return eqx.tree_at(lambda p: (p.data, p.noise), clean, (data, as_real(power)))
 
-    def run(self, recipe: Recipe) -> Outcome:
+    def run(self, recipe: Recipe) -> RecipeOutcome:
         given, first, steady = self._stage(recipe)
         if self._quantity == SIGNAL:
             full = self._stage(self.coarsest)[0]
             value, size = pair(full, given, self._scenes.key)[1].signal, given.fine.n
             memory = 8.0 * SIMULATED_ARRAYS * size * len(value)
-            return Outcome(recipe, value, steady, 0.0, first, 0.0, size, memory)
+            return RecipeOutcome(recipe, value, steady, 0.0, first, 0.0, size, memory)
         one = inverted(self._scenes.methods, recipe, lambda: gathered(given, recipe.count))
         return outcome_of(recipe, one, self.points, self._quantity, (first, steady))

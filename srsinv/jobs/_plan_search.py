@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from ._plan_recipes import Outcome, Recipe, Recipes
+from ._plan_recipes import Recipe, RecipeOutcome, Recipes
 
 LEAST_ORDER, MOST_ORDER = 0.5, 2.0  # of convergence, with which a curve is continued
 PART_LEFT = 0.15  # of the error asked for, that the reference's cells and its refinement leave each
@@ -24,18 +24,18 @@ CURVES = {"count": "invert_s", "refinement": "simulate_s"}
 class Rung:
     """A setting of one curve: the outcome, and the `error` that is left by it [1]."""
 
-    outcome: Outcome
+    outcome: RecipeOutcome
     error: float
 
 
 def climb(
-    run: Callable[[Recipe], Outcome],
+    run: Callable[[Recipe], RecipeOutcome],
     recipes: Sequence[Recipe],
     fineness: Sequence[float],
     wanted: float,
     *,
     ends_exactly: bool,
-    is_enough: Callable[[Outcome], bool] = lambda outcome: False,
+    is_enough: Callable[[RecipeOutcome], bool] = lambda outcome: False,
 ) -> list[Rung]:
     """The recipes from the coarsest on, two at least, until the error that the last one leaves is
     `wanted`, or it `is_enough`.
@@ -43,7 +43,7 @@ def climb(
     The error is the distance from the last value, and what a continuation with the observed order
     adds; none after the last recipe where the curve `ends_exactly`.
     """
-    outcomes: list[Outcome] = []
+    outcomes: list[RecipeOutcome] = []
     left = math.inf
     for recipe in recipes:
         outcomes.append(run(recipe))
@@ -55,7 +55,7 @@ def climb(
     return [Rung(outcome, outcome.error_from(outcomes[-1]) + left) for outcome in outcomes]
 
 
-def _left(outcomes: Sequence[Outcome], fineness: Sequence[float]) -> float:
+def _left(outcomes: Sequence[RecipeOutcome], fineness: Sequence[float]) -> float:
     """What the last outcome of a curve leaves: infinite where it is the only one."""
     if len(outcomes) < 2:
         return math.inf
@@ -92,14 +92,14 @@ class Plan:
     curves of ever finer cells.
     """
 
-    outcome: Outcome
+    outcome: RecipeOutcome
     error: float
-    beside: Outcome
+    beside: RecipeOutcome
     left: float
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[RecipeOutcome, ...]
     of_curves: Mapping[Recipe, float]
 
-    def error_of(self, outcome: Outcome) -> float:
+    def error_of(self, outcome: RecipeOutcome) -> float:
         """The error that an outcome leaves: along its curve where it is one of them."""
         beside = self.left + outcome.error_from(self.beside)
         return min(beside, self.of_curves.get(outcome.recipe, math.inf))
@@ -146,7 +146,7 @@ def _along(curves: dict[str, tuple[list[Rung], Rung]]) -> Iterator[Option]:
             )
 
 
-def _others(recipes: Recipes, beside: Outcome, error: float) -> Iterator[Option]:
+def _others(recipes: Recipes, beside: RecipeOutcome, error: float) -> Iterator[Option]:
     """What may be quicker by another setting."""
     for name, others in recipes.alternatives(beside.recipe, error).items():
         for recipe in others:
@@ -156,14 +156,14 @@ def _others(recipes: Recipes, beside: Outcome, error: float) -> Iterator[Option]
                 yield Option(name, getattr(recipe, name), away, _factors(outcome, beside))
 
 
-def _factors(outcome: Outcome, beside: Outcome) -> tuple[float, float]:
+def _factors(outcome: RecipeOutcome, beside: RecipeOutcome) -> tuple[float, float]:
     stages = (outcome.simulate_s, beside.simulate_s), (outcome.invert_s, beside.invert_s)
     simulate, invert = (one / other if other > 0 else 1.0 for one, other in stages)
     return simulate, invert
 
 
 def _predicted_best(
-    beside: Outcome,
+    beside: RecipeOutcome,
     left: float,
     options: Sequence[Option],
     error: float | None,
@@ -190,8 +190,8 @@ def _predicted_best(
 
 
 def _best(
-    tried: Sequence[tuple[Outcome, float]], error: float | None, limit_s: float
-) -> tuple[Outcome, float]:
+    tried: Sequence[tuple[RecipeOutcome, float]], error: float | None, limit_s: float
+) -> tuple[RecipeOutcome, float]:
     """Of those tried the quickest within the error, or the most exact within the time; where there
     is none, the one that comes nearest."""
     if error is None:

@@ -32,7 +32,7 @@ from ._cost_settings import CONVERGED_WITHIN, TIGHT, CostSettings
 from ._cost_table import tables, title
 from ._cost_trials import FAILURES
 from ._cost_turns import measure_in_turns
-from .trials import Rows, Timing, Trial
+from .trials import Trial, TrialRows, TrialTiming
 
 # Of the configuration, what no row depends on; and what only its own trials do.
 _APART = {"job", "section", "hydra", "accuracy_cost", "experiment", "compilation_cache"}
@@ -48,8 +48,8 @@ def run(cfg: config.Config) -> Result:
         _simulated(cfg, "periodic", min(settings.forward_cells))  # refuses a scene that is none
         parts = _parts(cfg, settings, peers)
         trials = [trial for name in settings.parts for trial in parts[name]()]
-        timing = Timing(settings.repeats, settings.is_fresh, FAILURES)
-        rows = Rows(timing, settings.rows, "accuracy_cost.rows", _rests_on(cfg, settings))
+        timing = TrialTiming(settings.repeats, settings.is_fresh, FAILURES)
+        rows = TrialRows(timing, settings.rows, "accuracy_cost.rows", _rests_on(cfg, settings))
         budget_s = np.inf if settings.budget_s is None else settings.budget_s
         done, left_out = measure_in_turns(trials, rows, budget_s)
     data = tables(

@@ -17,7 +17,7 @@ from ..inverse.method import Method
 from ..inverse.nonlinear import Solver
 from ..report.text import unit_of, without_unit
 from .estimates import Answers, Variables
-from .trials import Row, Rows, Trial
+from .trials import Row, Trial, TrialRows
 
 FEATURE_FIT = "Feature fit"
 Problem = TypeVar("Problem")
@@ -36,7 +36,7 @@ def simulate_and_fit(
             Trial({"method": name, "problem": i}, partial(partial, method, problem), _answer)
             for i, problem in enumerate(problems)
         ]
-        rows = Rows().of_all(trials, f"{name}, {len(problems)} times")
+        rows = TrialRows().of_all(trials, f"{name}, {len(problems)} times")
         answers[name] = tuple(row["answer"] for row in rows)
         times.append([row["first_call_s"] for row in rows])
     first, *further = np.array(times).T

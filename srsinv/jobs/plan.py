@@ -26,7 +26,7 @@ from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity as in_words
 from ..report.text import significant
-from ._plan_recipes import QUANTITIES, SIGNAL, Outcome, Recipe, Recipes
+from ._plan_recipes import QUANTITIES, SIGNAL, Recipe, RecipeOutcome, Recipes
 from ._plan_recording import RecordingRecipes
 from ._plan_scene import SceneRecipes, Scenes
 from ._plan_search import Plan, search
@@ -129,8 +129,8 @@ def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:
 class Measured:
     """The planned answer, computed again, and the converged one."""
 
-    planned: Outcome
-    converged: Outcome
+    planned: RecipeOutcome
+    converged: RecipeOutcome
 
 
 def _dataset(
@@ -181,13 +181,13 @@ def _numbers(plan: Plan, measured: Measured | None, asked: Asked) -> dict[str, A
     }
 
 
-def _changed(outcome: Outcome, plan: Plan) -> str:
+def _changed(outcome: RecipeOutcome, plan: Plan) -> str:
     """The settings in which an outcome differs from the one that errors are measured from."""
     both = ((name, _word(outcome, name, plan), _word(plan.beside, name, plan)) for name in SETTINGS)
     return ", ".join(name for name, own, other in both if own != other) or "reference"
 
 
-def _word(outcome: Outcome, name: str, plan: Plan) -> str:
+def _word(outcome: RecipeOutcome, name: str, plan: Plan) -> str:
     if name == "cells":
         return str(outcome.cells)
     value = getattr(outcome.recipe, name)

@@ -22,7 +22,7 @@ import jax
 import numpy as np
 
 from ..atomic import write_whole
-from ..errors import BadInput, printable, refuse
+from ..errors import BadInput, is_number, printable, refuse
 from ..files import path_of, read_bytes
 from ..memory import weighed
 from ..progress import steps
@@ -41,7 +41,7 @@ Work = Callable[[], Any]
 class Trial:
     """One thing to compute.
 
-    - `labels`: where its row stands: numbers and words by their names, which begin the row.
+    - `labels`: where its row stands: numbers and words by their names, which are part of the row.
     - `prepare`: gives the work, whose time is measured. `score`: what the row says of the value
       that the work gives: numbers and words by their names, lists and mappings of these.
     - `count`: answers of one call, each of which has its part of the time.
@@ -60,7 +60,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Timing:
+class TrialTiming:
     """How trials are timed.
 
     - `repeats`: further calls, after a second one whose memory is measured; 0: one call is all.
@@ -105,7 +105,7 @@ class Timing:
         return {**trial.score(first.value), **row}
 
 
-class Rows:
+class TrialRows:
     """The rows of trials by what decides on them.
 
     `path` of their file, given by the setting `key`; `rests_on`: what all rows depend on, so that
@@ -115,19 +115,19 @@ class Rows:
 
     def __init__(
         self,
-        timing: Timing | None = None,
+        timing: TrialTiming | None = None,
         path: str | None = None,
         key: str = "rows",
         rests_on: Mapping[str, Any] | None = None,
     ):
-        self._timing, self._rests_on = timing or Timing(), rests_on or {}
+        self._timing, self._rests_on = timing or TrialTiming(), rests_on or {}
         self._file = None if path is None else _RowFile(path_of(path, key), key)
         self._rows: dict[str, Row] = {} if self._file is None else dict(self._file.read())
 
     def known(self, trial: Trial) -> Row | None:
         """The row of a trial that was measured before; None of any other."""
         row = self._rows.get(self._identity(trial))
-        return None if row is None else {**trial.labels, **row}
+        return None if row is None else {**row, **trial.labels}
 
     def of(self, trial: Trial) -> Row:
         """The row of a trial, measured where it is not known."""
@@ -235,10 +235,12 @@ class _RowFile:
         """Identity and row of a line."""
         try:
             content = json.loads(line)
-            identity, row = content[_IDENTITY], _read(content[_ROW])
-            times = [each for name, each in row.items() if name.endswith("_s")]
-            if not isinstance(identity, str) or not all(map(_is_number, [row["trial_s"], *times])):
+            identity, row = content[_IDENTITY], content[_ROW]
+            times = [row["trial_s"], *(row[name] for name in row if name.endswith("_s"))]
+            are_numbers = all(each is None or is_number(each) for each in times)
+            if not isinstance(identity, str) or not are_numbers:
                 raise ValueError("no row")
+            row = _read(row)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise BadInput(
                 f"{self._key}: line {number} of {self._path} is no row of a trial: name another "
@@ -260,10 +262,6 @@ def _is_cut(line: bytes) -> bool:
         return False
     except (ValueError, RecursionError):
         return line.startswith(_START) or (bool(line) and _START.startswith(line))
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _finite(value: Any) -> Any:

@@ -1,5 +1,6 @@
 """Hum and drift on recordings of passes: draws of them, their covariances, and treatments."""
 
+import abc
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
@@ -22,7 +23,7 @@ RMS_V = SIGNAL * NOISE_V
 Treatments = Mapping[str, Callable[[Any], Problem]]
 
 
-class Disturbance:
+class Disturbance(abc.ABC):
     """What disturbs scans, of rms `size` times the signal's.
 
     - `seed`: of its draws, beside their number.
@@ -35,18 +36,18 @@ class Disturbance:
     def __init__(self, scans: PassScans, size: float):
         self.scans, self.size = scans, size
 
+    @abc.abstractmethod
     def drawn(self, rng: Rng) -> np.ndarray:
         """One of all elements (e, sample)."""
-        raise NotImplementedError
 
+    @abc.abstractmethod
     def covariances(self) -> Iterator[np.ndarray]:
         """At all samples, with that of white noise: of disturbances that are as likely."""
-        raise NotImplementedError
 
     @property
+    @abc.abstractmethod
     def treatments(self) -> Treatments:
         """The problem that each treatment makes of a disturbed signal."""
-        raise NotImplementedError
 
     def recording(self, signal, **facts: Any) -> Recording:
         """The signal as a recording with these facts."""

@@ -12,7 +12,7 @@ from typing import Any
 import jax
 
 from srsinv import config
-from srsinv.jobs._plan_recipes import Outcome, Recipe
+from srsinv.jobs._plan_recipes import Recipe, RecipeOutcome
 from srsinv.jobs._plan_scene import SceneRecipes, Scenes
 from srsinv.jobs._plan_search import Plan, search
 from srsinv.jobs.trials import Row
@@ -52,7 +52,9 @@ def recipes_of(cfg: dict[str, Any]) -> SceneRecipes:
     return SceneRecipes(given, QUANTITY, METHOD)
 
 
-def quickest(recipes: SceneRecipes, plan: Plan, reference: Outcome, error: float) -> Outcome | None:
+def quickest(
+    recipes: SceneRecipes, plan: Plan, reference: RecipeOutcome, error: float
+) -> RecipeOutcome | None:
     """Of all combinations, the quickest whose error is at most `error`."""
     beside = plan.beside.recipe
     subsets = {beside.effects, *(recipes.called_for(beside, each) for each in TOLERANCES)}

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from srsinv.command.programs import release_programs
-from srsinv.jobs.trials import Row, Rows, Trial
+from srsinv.jobs.trials import Row, Trial, TrialRows
 
 RESULTS = Path(__file__).parent / "results"
 MOST_MAPS = 30_000  # of memory: Linux ends a process that asks for 65530
@@ -74,8 +74,8 @@ class Study:
         if self.summary is not None:
             (RESULTS / f"{self.name}.json").write_text(self.summarised(), encoding="utf-8")
 
-    def _rows(self) -> Rows:
-        return Rows(path=str(RESULTS / f"{self.name}.jsonl"))
+    def _rows(self) -> TrialRows:
+        return TrialRows(path=str(RESULTS / f"{self.name}.jsonl"))
 
 
 def combinations(**values: Iterable[Any]) -> list[Row]:

@@ -10,17 +10,17 @@ from srsinv.errors import BadInput
 from srsinv.jobs._cost_table import tables
 from srsinv.jobs._cost_trials import FAILURES, cost_trial
 from srsinv.jobs._cost_turns import measure_in_turns
-from srsinv.jobs.trials import Rows, Timing, Trial
+from srsinv.jobs.trials import Trial, TrialRows, TrialTiming
 from srsinv.memory import weighed
 from srsinv.report import plot
 
 SIZES = (16, 64, 256)
 
 
-def rows_of(path=None, seed: int = 0) -> Rows:
+def rows_of(path=None, seed: int = 0) -> TrialRows:
     """Rows in a file, or in memory alone."""
     path = None if path is None else str(path)
-    return Rows(Timing(1, failures=FAILURES), path, "rows", {"seed": seed})
+    return TrialRows(TrialTiming(1, failures=FAILURES), path, "rows", {"seed": seed})
 
 
 def trial(family: str, size: int, work=lambda: 2.0, group: str = "forward") -> Trial:
@@ -161,6 +161,16 @@ def test_rows_are_numbers_and_words_of_json(tmp_path):
     known = rows_of(path).known(trial("one", 16))
     assert known is not None
     assert np.isnan(known["error"])
+
+
+def test_a_line_of_a_file_does_not_say_which_trial_it_is(tmp_path):
+    path = tmp_path / "rows.jsonl"
+    measure_in_turns([trial("one", 16)], rows_of(path))
+    content = json.loads(path.read_text())
+    content["row"] |= {"family": "other", "size": "large"}
+    path.write_text(json.dumps(content) + "\n")
+    (row,), _ = measure_in_turns([trial("one", 16)], rows_of(path))
+    assert (row["family"], row["size"]) == ("one", 16)
 
 
 def test_memory_is_what_a_call_touches():

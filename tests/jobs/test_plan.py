@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
-from srsinv.jobs._plan_recipes import Outcome, Recipe, Recipes
+from srsinv.jobs._plan_recipes import Recipe, RecipeOutcome, Recipes
 from srsinv.jobs._plan_search import climb, search
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
@@ -42,7 +42,7 @@ class KnownRecipes(Recipes):
         simulate = EFFECTS[recipe.effects][1] * (1 + recipe.refinement)
         invert = PATHS[recipe.path] * (1 + cells / 100)
         seconds = [PRECISIONS[recipe.precision][1] * each for each in (simulate, invert)]
-        return Outcome(recipe, np.array([[1.0, *away]]), *seconds, 1.0, 1e-3, cells, 1e6)
+        return RecipeOutcome(recipe, np.array([[1.0, *away]]), *seconds, 1.0, 1e-3, cells, 1e6)
 
     def alternatives(self, recipe, error):
         del error
