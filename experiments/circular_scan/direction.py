@@ -139,9 +139,9 @@ class _RidgeBank:
         radius = float(circle.radius_m)
         step = radius * float(circle.sweep_rad) / circle.samples
         self._size = int(np.clip(cell_m("ridge_search", depth) / step, 1, circle.samples // 8))
-        self._tried = _tried(radius, cell_m("ridge_search", depth))
+        self._trials = _trial_lines(radius, cell_m("ridge_search", depth))
         coarse = Circling(circling.sensor, circle.coarser(self._size))
-        angles, distances = (as_real(column) for column in self._tried.T)
+        angles, distances = (as_real(column) for column in self._trials.T)
         signals = np.asarray(_signals(coarse, angles, distances, as_real(width_m)))
         self._signals = signals.reshape(*signals.shape[:2], -1)
         gram = self._signals @ self._signals.swapaxes(1, 2)
@@ -158,11 +158,11 @@ class _RidgeBank:
         explained = np.sum(
             projections * np.linalg.solve(self._gram, projections[..., None])[..., 0], axis=-1
         )
-        chosen = self._tried[separated(list(self._tried.T), explained)]
+        chosen = self._trials[separated(list(self._trials.T), explained)]
         return np.stack([np.rad2deg(chosen[:, 0]), chosen[:, 1]], axis=1)
 
 
-def _tried(radius_m: float, step_m: float) -> Float[np.ndarray, "start 2"]:
+def _trial_lines(radius_m: float, step_m: float) -> Float[np.ndarray, "start 2"]:
     """Angles [rad] over half a turn and distances [m] over the circle, `step_m` apart on it."""
     count = np.pi * radius_m / step_m * 2 * radius_m / step_m
     refuse(

@@ -26,7 +26,7 @@ from srsinv.report.section import sections
 from srsinv.report.text import listed, significant
 
 from .figures import draw_kernels, draw_recovered
-from .passes import KnownPasses, MeanPasses, two_ways
+from .passes import KnownPasses, MeanPasses
 
 KERNELS = ("theoretical", "measured", "fitted", "true")
 DEPARTURE = "experiments.fig10_11.departure.Departure"
@@ -221,7 +221,7 @@ def _shares(
     traction = sim.traction(sim.line)
     sensors = [stated, *(found[name].sensor(stated) for name in KERNELS[1:3])]
     left = [
-        means.signal - np.asarray(two_ways(each).operator(sim.line, sim.scan)(traction))
+        means.signal - np.asarray(each.in_both_directions().operator(sim.line, sim.scan)(traction))
         for each in sensors
     ]
     return [means.repeating_share(each) for each in left]

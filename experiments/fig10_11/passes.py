@@ -60,7 +60,7 @@ class MeanPasses:
 
     def problem(self, sim: Simulation, sensor: Sensor) -> LineProblem:
         """The means as signals of a sensor that passes both ways."""
-        both = two_ways(sensor)
+        both = sensor.in_both_directions()
         mean = jnp.mean(sim.traction(sim.line)[0])
         return LineProblem.of_sensor(
             sim.line, both, sim.scan, self.signal, self.noise, known_mean_Pa=(mean, None)
@@ -77,9 +77,3 @@ class MeanPasses:
         n = signal.shape[-1]
         power = np.abs(np.fft.rfft(signal)[..., 1:]) ** 2 / n
         return float(np.mean(power / self.power[:, 1:]))
-
-
-def two_ways(sensor: Sensor) -> Sensor:
-    """The sensor with each element there for both ways."""
-    films = (*sensor.elements, *(film.backward() for film in sensor.elements))
-    return Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)

@@ -33,7 +33,7 @@ def run(cfg: config.Config) -> Result:
     more than one film element, too few ridges or heights, and what is not positive.
     """
     given = cfg["fig12_ridges"]
-    ridges, heights, pressures = _tried(given)
+    ridges, heights, pressures = _ranges(given)
     needed = needed_wave(given["false_alarm"], given["detection"])
     with config.precision(cfg):
         parts = config.line(cfg), config.scene(cfg), config.sensor(cfg), config.scan(cfg)
@@ -73,7 +73,7 @@ def _title(data: xarray.Dataset) -> str:
     return f"Pitch of {ridges}: {read}, by a signal of {snr} of the noise in a sample"
 
 
-def _tried(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:
+def _ranges(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:
     """The number of ridges, and the heights and nominal pressures tried."""
     wanted = "a whole number from {}".format
     ridges = whole("fig12_ridges.ridges", given["ridges"], wanted(5), least=5)

@@ -19,7 +19,7 @@ def symmetry(ds: xarray.Dataset) -> Figure:
         for end in CASES
     }
 
-    def about(edge: str, element: str) -> plot.Panel:
+    def edge_panel(edge: str, element: str) -> plot.Panel:
         own, number = ds.sel(edge=edge, element=element), short(element)
         lines = {
             f"{part}{end}": own[part].sel(case=case)
@@ -32,4 +32,6 @@ def symmetry(ds: xarray.Dataset) -> Figure:
             title=f"{edge.capitalize()} edge, element {number}",
         )  # fmt: skip
 
-    return plot.panels([[about(edge, each) for edge in EDGES] for each in ds["element"].values])
+    return plot.panels(
+        [[edge_panel(edge, each) for edge in EDGES] for each in ds["element"].values]
+    )

@@ -70,10 +70,10 @@ def groups(root: Path) -> dict[str, list[str]]:
 
 def help_text(root: Path) -> str:
     """The whole help, ending with a newline."""
-    shown = [(each.name, each.summary) for each in experiments(root) if each.runnable]
+    listed = [(each.name, each.summary) for each in experiments(root) if each.runnable]
     default = [("(none)", _first_comment(root / "config.yaml"))]
     choices = [(f"{group}=", ", ".join(options)) for group, options in groups(root).items()]
-    parts = [_USAGE, _listing("experiments (experiment=NAME)", default + shown)]
+    parts = [_USAGE, _listing("experiments (experiment=NAME)", default + listed)]
     if choices:
         parts.append(_listing("groups (GROUP=OPTION)", choices))
     return "\n".join([*parts, _RESULTS])

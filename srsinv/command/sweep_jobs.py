@@ -74,7 +74,7 @@ class SweepJobs:
         for job in wanted:
             if job.configuration in known:
                 continue
-            own = self._moved(job, later, taken, folder) if job.place in taken else job
+            own = self._with_free_folder(job, later, taken, folder) if job.place in taken else job
             refuse(
                 own.place in taken,
                 f"{folder / str(own.place)} would hold two runs of this sweep; give each its own "
@@ -107,7 +107,7 @@ class SweepJobs:
         except BadInput:  # the job itself is refused by the same sentence
             return None
 
-    def _moved(
+    def _with_free_folder(
         self, job: SweepJob, numbers: Iterator[int], taken: set[str], folder: Path
     ) -> SweepJob:
         for number in numbers:

@@ -24,11 +24,11 @@ def check_poles(filter: Filter) -> None:
     """Refuse poles that do not make a filter that is stable and real."""
     name, kind = f"{type(filter).__name__}.poles", "poles, as (-0.6 + 0.8j, -0.6 - 0.8j)"
     poles = np.array(all_of_kind(name, filter.poles, numbers.Complex, kind), complex)
-    apart = np.abs(poles[:, None] - poles) + np.eye(poles.size)
+    separations = np.abs(poles[:, None] - poles) + np.eye(poles.size)
     unpaired = np.abs(poles[:, None] - poles.conj()).min(axis=0, initial=np.inf) > SAME
     fits = np.all(np.real(poles) < 0) and np.all(np.abs(np.abs(poles) - 1) < SAME)
     refuse(
-        not (poles.size and fits) or bool(np.any(apart < SAME) or np.any(unpaired)),
+        not (poles.size and fits) or bool(np.any(separations < SAME) or np.any(unpaired)),
         f"{name} is {echo(filter.poles)}: give one or more, each once, of modulus 1 and a "
         "negative real part, complex ones with their conjugates.",
     )

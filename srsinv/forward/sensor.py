@@ -119,6 +119,11 @@ class Sensor(eqx.Module):
         films = tuple(change(film) for film in self.elements)
         return dataclasses.replace(self, elements=films)
 
+    def in_both_directions(self) -> "Sensor":
+        """The sensor with each film once for motion to +x, then once for motion back."""
+        films = (*self.elements, *(film.backward() for film in self.elements))
+        return dataclasses.replace(self, elements=films)
+
     def require_elements(self, count: int) -> None:
         """Raises `BadInput` unless there are so many film elements, one or two."""
         elements, name = len(self.elements), {1: "one_element", 2: "two_element"}[count]

@@ -113,6 +113,6 @@ def smoothed_truth(
     n = truth.shape[-1]
     size = n if circular else 2 * n
     kernels = np.fft.rfft(np.asarray(estimate.averaging), size)
-    shown = np.fft.irfft(np.einsum("ijk,jk->ik", kernels, np.fft.rfft(truth, size)), size)
+    resolved = np.fft.irfft(np.einsum("ijk,jk->ik", kernels, np.fft.rfft(truth, size)), size)
     # A kernel has its middle at cell n // 2.
-    return np.roll(shown, -(n // 2), axis=-1)[:, :n]
+    return np.roll(resolved, -(n // 2), axis=-1)[:, :n]

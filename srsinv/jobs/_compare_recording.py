@@ -154,7 +154,7 @@ def _profiles(problem: LineProblem, own: Variables, units: str) -> Variables:
     value, stderr = own["estimate"][1], own["estimate_stderr"][1][:, 0]
     moved = deviation(value[:, 1], cells) - deviation(value[:, 2], cells)
     p = deviation(value[:, 0, 0], cells)
-    apart = np.linalg.norm(p[:, None] - p[None], axis=-1)
+    distances = np.linalg.norm(p[:, None] - p[None], axis=-1)
     stated = np.sqrt(np.mean(stderr[..., cells] ** 2, axis=-1))
     by, unit = ("estimator", "component"), "Pa" if units == "Pa" else "relative"
     return {
@@ -164,7 +164,7 @@ def _profiles(problem: LineProblem, own: Variables, units: str) -> Variables:
         "peak_position": (by, x[cells][_peak(value[:, 0][..., cells])], "m",
                           "{component}_peak_position_m_{estimator}"),
         "difference_of_p": (("estimator", "other"),
-                            apart / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"),
+                            distances / (np.linalg.norm(p, axis=-1) + 1e-300)[None], "1"),
     }  # fmt: skip
 
 

@@ -64,8 +64,8 @@ def verdict(inspection: Inspection, path: str, typed: tuple[str, ...] = ()) -> d
 def settings_of(cfg: Mapping[str, Any]) -> tuple[str, ...]:
     """What a configuration says of its recording, as it is typed, but for the path."""
     return (
-        *_given("recording", {**cfg["recording"], "path": None}),
-        *_given("sensor", cfg["sensor"]),
+        *_overrides("recording", {**cfg["recording"], "path": None}),
+        *_overrides("sensor", cfg["sensor"]),
         *_reader(dict(cfg["reader"])),
     )
 
@@ -82,10 +82,10 @@ def _reader(settings: dict[str, Any]) -> Iterator[str]:
     if target != _READER:
         yield f"reader._target_={target}"
     del settings["_target_"]
-    yield from _given("+reader", settings)
+    yield from _overrides("+reader", settings)
 
 
-def _given(group: str, settings: Mapping[str, Any]) -> Iterator[str]:
+def _overrides(group: str, settings: Mapping[str, Any]) -> Iterator[str]:
     for key, value in settings.items():
         if value is not None and value != _AS_BY_DEFAULT.get(key):
             yield f"{group}.{key}={_as_typed(value)}"

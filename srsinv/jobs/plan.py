@@ -109,7 +109,7 @@ def run(cfg: config.Config) -> Result:
             with stage("the converged answer"):
                 converged = recipes(recipes.finer(plan.beside.recipe, FINER))
             with stage("the planned answer"):
-                measured = Measured(recipes.run(plan.outcome.recipe), converged)
+                measured = PlanCheck(recipes.run(plan.outcome.recipe), converged)
     data = _dataset([each for _, each in tried], plan, measured, recipes, asked)
     data = data.assign(dataset(scalars({"plan_planning_time_s": spent_s}), {}))
     title = _title(plan, asked)
@@ -126,7 +126,7 @@ def _rank(plan: Plan, asked: Asked) -> tuple[float, ...]:
 
 
 @dataclass(frozen=True)
-class Measured:
+class PlanCheck:
     """The planned answer, computed again, and the converged one."""
 
     planned: RecipeOutcome
@@ -134,7 +134,7 @@ class Measured:
 
 
 def _dataset(
-    plans: Sequence[Plan], plan: Plan, measured: Measured | None, recipes: Recipes, asked: Asked
+    plans: Sequence[Plan], plan: Plan, measured: PlanCheck | None, recipes: Recipes, asked: Asked
 ) -> xarray.Dataset:
     """Every outcome, the numbers of the plan, and its answer beside the converged one."""
     rows = [(outcome, of) for of in plans for outcome in of.outcomes]
@@ -163,7 +163,7 @@ def _dataset(
     return dataset(variables | numbers, coordinates, quantity=asked.quantity)
 
 
-def _numbers(plan: Plan, measured: Measured | None, asked: Asked) -> dict[str, Any]:
+def _numbers(plan: Plan, measured: PlanCheck | None, asked: Asked) -> dict[str, Any]:
     one, error, budget_s = plan.outcome, asked.error, asked.budget_s
     return {
         "plan_error_asked": error,
@@ -263,6 +263,8 @@ def answers(ds: xarray.Dataset) -> Figure:
             Curve(own["planned"].values, "planned"),
         ]
         rows.append(Panel(both, x, PanelAxis(row, unit), own["point"].values))
-        apart = [Curve(difference.values, "planned less converged")]
-        rows.append(Panel(apart, x, PanelAxis(f"difference of {row}", unit), own["point"].values))
+        differences = [Curve(difference.values, "planned less converged")]
+        rows.append(
+            Panel(differences, x, PanelAxis(f"difference of {row}", unit), own["point"].values)
+        )
     return panels(rows)

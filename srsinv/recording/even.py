@@ -60,7 +60,7 @@ def load_even(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUFFI
             number(f"recording.{key}", given, wanted)
     missing = choice("recording.missing", missing, MISSING)
     times = choice("recording.times", times, TIMES_OF_ROWS)
-    stated = _given(facts | dict(known))
+    stated = _without_nulls(facts | dict(known))
     recording = load(path, reader=reader, missing=missing, times=times, **stated)
     return usable(recording)
 
@@ -153,9 +153,9 @@ def check_volts(recording: Recording) -> None:
     )
 
 
-def _given(known: dict[str, Any]) -> dict[str, Any]:
+def _without_nulls(known: dict[str, Any]) -> dict[str, Any]:
     """The values given on the command line, in depth: null means not given."""
-    trimmed = {k: _given(v) if isinstance(v, dict) else v for k, v in known.items()}
+    trimmed = {k: _without_nulls(v) if isinstance(v, dict) else v for k, v in known.items()}
     return {k: v for k, v in trimmed.items() if v is not None and v != {}}
 
 

@@ -95,12 +95,6 @@ INPUTS = {
 }
 
 
-def two_ways(sensor: Sensor) -> Sensor:
-    """Each element there for both ways."""
-    films = (*sensor.elements, *(film.backward() for film in sensor.elements))
-    return Sensor(films, sensor.skin, sensor.amplifier)
-
-
 def signals(sensor: Sensor, traction: Float[np.ndarray, "2 n"]) -> Signal:
     """The signals without noise."""
     return np.asarray(sensor.operator(LINE, SCAN)(traction))
@@ -127,9 +121,9 @@ def found_kernels(
 ) -> dict[str, Any]:
     """Kernels from passes with noise of their own."""
     p = INPUTS[known]
-    clean = signals(two_ways(mismatch.sensor), np.stack([p, FRICTION * p]))
+    clean = signals(mismatch.sensor.in_both_directions(), np.stack([p, FRICTION * p]))
     data, level = noisy(clean, passes, rng)
-    given = problem(two_ways(STATED), data, level, float(p.mean())), STATED, p, FRICTION
+    given = problem(STATED.in_both_directions(), data, level, float(p.mean())), STATED, p, FRICTION
     own = {"measured": measure_kernel(*given)}
     return own | ({"fitted": measure_kernel(*given, parameters=None)} if fitted else {})
 

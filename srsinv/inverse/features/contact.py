@@ -216,11 +216,13 @@ class ContactLoading(Loading):
                 bounds[f"{name}.{part}"] = within
             if "edge_length_m" in self.also:
                 # Cells do not resolve sharper ones, nor their derivative.
-                low, high = _about("edge_length_m", feature.edge_m)
+                low, high = _range_around("edge_length_m", feature.edge_m)
                 low = max(low, LEAST_EDGE * float(line.cell_m))
                 bounds[f"{name}.edge_length_m"] = low, high
         whole = {**self.common(), "depth_m": self._depth_m}
-        return bounds | {name: _about(name, whole[name]) for name in self.also if name in whole}
+        return bounds | {
+            name: _range_around(name, whole[name]) for name in self.also if name in whole
+        }
 
     def priors(self, name: str, feature: Any, reach: float, search: Strengths) -> dict[str, Range]:
         del reach, search
@@ -258,7 +260,7 @@ def cell_for(features: Features, depth_m: float) -> float:
     return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
 
 
-def _about(name: str, value: float) -> Range:
+def _range_around(name: str, value: float) -> Range:
     return value / REACH[name], value * REACH[name]
 
 

@@ -144,7 +144,7 @@ class FeatureSearch:
         each block's samples that are there, the rest being zero."""
         left = self._weighed(rest, white, known).reshape(len(rest), -1)
         shapes, explained = [], []
-        for bank in self._tried(feature, white, known, given):
+        for bank in self._filter_banks(feature, white, known, given):
             shapes.append(bank.shapes)
             explained.append(bank.explained(left))
         columns = {name: np.concatenate([each[name] for each in shapes]) for name in feature.axes}
@@ -168,7 +168,7 @@ class FeatureSearch:
         top = np.asarray(self.strongest(feature))
         return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_RELATIVE_SIGNAL)
 
-    def _tried(
+    def _filter_banks(
         self,
         feature: AnyFeature,
         white: Float[np.ndarray, " e"],

@@ -120,8 +120,7 @@ def _averaged(
     spacing = mean / given.motion.sample_rate_hz
     sensor = _averaging_samples(given.sensor, block, spacing)
     if len(directions) > 1:
-        films = (*sensor.elements, *(film.backward() for film in sensor.elements))
-        sensor = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
+        sensor = sensor.in_both_directions()
     noise = noise.of_directions(len(directions))
     trend = cells.slow_scale, start_m
     return _placed(noise, line, sensor, ConstantSpeed(mean), cells, columns, trend, found)

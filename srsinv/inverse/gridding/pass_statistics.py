@@ -128,7 +128,7 @@ class PassesOnCells:
         """What the signals of each pass differ by from the mean of its way."""
         return [p.signal - self.signals[w] for p, w in zip(self.every, self.direction, strict=True)]
 
-    def cleaned(self) -> "PassesOnCells":
+    def without_nuisance(self) -> "PassesOnCells":
         """The passes less the expected signal of the columns, of sizes by what passes differ by;
         the columns become those of what is left open of the sizes."""
         elements, size, _ = self.every[0].columns.shape

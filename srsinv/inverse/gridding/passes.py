@@ -238,7 +238,9 @@ class Averaging:
             every.append(
                 PassOnCells(values[:, 0], values[:, 1:], information[:, 0], slow[:, 0], typical)
             )
-        passes = PassesOnCells(every, self._direction, self._variance, self._step, cell).cleaned()
+        passes = PassesOnCells(
+            every, self._direction, self._variance, self._step, cell
+        ).without_nuisance()
         return passes.levelled() if self._is_walk else passes
 
     def _average(

@@ -56,7 +56,7 @@ class Envelope(NamedTuple):
     far: float
 
 
-class Prior(NamedTuple):
+class KernelPrior(NamedTuple):
     """The kernels' standard deviation at a lag of zero [C m/N], of p and of q of each element
     (e, 2), the length l [m] and the envelope."""
 
@@ -107,7 +107,7 @@ class ElementPosterior(NamedTuple):
         return whole
 
 
-class Posterior(NamedTuple):
+class KernelPosterior(NamedTuple):
     """Parameters t (c,) with their covariance, the coefficients of each element, and the log
     evidence."""
 
@@ -116,7 +116,7 @@ class Posterior(NamedTuple):
     elements: Sequence[ElementPosterior]
     log_evidence: float
 
-    def of(self, parameters: slice) -> "Posterior":
+    def of(self, parameters: slice) -> "KernelPosterior":
         """That of these parameters, which the others have nothing to do with."""
         elements = [each._replace(both=each.both[:, parameters]) for each in self.elements]
         covariance = self.covariance[parameters, parameters]
@@ -161,11 +161,11 @@ class Posterior(NamedTuple):
 
 def posterior(
     products: Sequence[Products],
-    prior: Prior,
+    prior: KernelPrior,
     k: Float[np.ndarray, " b"],
     t0: np.ndarray,
     unseen: float = 0.0,
-) -> Posterior:
+) -> KernelPosterior:
     """The posterior under a prior; t is normal about -`t0`. Waves with r M r up to `unseen` are
     left out."""
     precision, right, log, given = np.eye(t0.size), -t0, 0.0, []
@@ -187,16 +187,16 @@ def posterior(
     covariance = np.linalg.inv(precision) if t0.size else precision
     t = covariance @ right
     log += (right @ t - t0 @ t0 + (np.linalg.slogdet(covariance)[1] if t0.size else 0.0)) / 2
-    return Posterior(t, covariance, given, float(log))
+    return KernelPosterior(t, covariance, given, float(log))
 
 
 def likeliest(
     products: Sequence[Products],
-    first: Prior,
+    first: KernelPrior,
     k: Float[np.ndarray, " b"],
     t0: np.ndarray,
     shared: bool,
-) -> tuple[Prior, float]:
+) -> tuple[KernelPrior, float]:
     """The prior with the greatest evidence under its envelope, and that.
 
     `shared`: one factor on all scales of `first`; else one on each.
@@ -204,7 +204,7 @@ def likeliest(
     shape = (1, 1) if shared else first.scale.shape
     count = int(np.prod(shape))
 
-    def prior_at(logs: Float[np.ndarray, " c"]) -> Prior:
+    def prior_at(logs: Float[np.ndarray, " c"]) -> KernelPrior:
         factors = np.exp(logs[:-1]).reshape(shape)
         return first._replace(
             scale=first.scale * factors, length_m=float(first.length_m * np.exp(logs[-1]))
@@ -243,7 +243,9 @@ def likeliest(
     return prior_at(units @ found.x), -float(found.fun)
 
 
-def _is_resolved(products: Sequence[Products], prior: Prior, k: Float[np.ndarray, " b"]) -> bool:
+def _is_resolved(
+    products: Sequence[Products], prior: KernelPrior, k: Float[np.ndarray, " b"]
+) -> bool:
     """Whether the prior is not so wide that rounding decides on its posterior."""
     seen = [
         np.sum(prior.deviations(e, k) ** 2 * np.diag(own.waves)) for e, own in enumerate(products)

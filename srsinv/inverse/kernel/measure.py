@@ -21,7 +21,7 @@ from ...numerics import root_of
 from ..line.problem import LineProblem
 from ..problem import Problem
 from .design import KnownInput, stated_effects
-from .evidence import Envelope, Posterior, Prior, Products, likeliest, posterior
+from .evidence import Envelope, KernelPosterior, KernelPrior, Products, likeliest, posterior
 from .lags import LEAST_REACH, REACH, Lags
 from .measured import MeasuredKernel
 from .physics import Physics, default_parameters
@@ -60,7 +60,7 @@ class Chosen(NamedTuple):
     in these `units` (c,)."""
 
     place: Place
-    prior: Prior
+    prior: KernelPrior
     evidence: float
     products: list[Products]
     units: Float[np.ndarray, " c"]
@@ -68,7 +68,7 @@ class Chosen(NamedTuple):
 
 def choose(
     about: Sequence[ResidualProducts],
-    first: Prior,
+    first: KernelPrior,
     place: Place,
     t0: Float[np.ndarray, " c"],
     shared: bool,
@@ -82,7 +82,7 @@ def choose(
     signals = about[0].signals
     far_fields = t0.size - 2 * len(signals.elements)
 
-    def at(place: Place, start: Prior) -> Chosen:
+    def at(place: Place, start: KernelPrior) -> Chosen:
         units = np.where(np.arange(t0.size) < far_fields, 1.0, place.far)
         envelope = place.envelope(signals.lags.depth_m)
         own = [each.under(envelope).scaled(units) for each in about]
@@ -120,7 +120,11 @@ class KernelChange(NamedTuple):
 
 
 def kernel_change(
-    signals: KernelSignals, found: Posterior, prior: Prior, mean: Mean, elements: Sequence[int]
+    signals: KernelSignals,
+    found: KernelPosterior,
+    prior: KernelPrior,
+    mean: Mean,
+    elements: Sequence[int],
 ) -> KernelChange:
     """What the posterior adds to the prior's mean, and the directions of its error."""
     basis = signals.basis(prior.envelope)
@@ -139,7 +143,7 @@ def kernel_change(
 
 
 def change_by_gains(
-    signals: KernelSignals, prior: Prior, mean: Mean, elements: Sequence[int]
+    signals: KernelSignals, prior: KernelPrior, mean: Mean, elements: Sequence[int]
 ) -> tuple[Float[np.ndarray, "j e 2 m"], Float[np.ndarray, "j e 2"]]:
     """What gains that vary from pass to pass leave open of these elements' kernels and of their
     factors far away: H (g_j y), with H the map from the signals y to the kernels under this prior,
@@ -233,7 +237,7 @@ def measure_kernel(
     names = default_parameters(stated) if parameters is None else parameters
     signals = KernelSignals(known, stated, Lags(float(stated.depth_m), _reach(known)))
     physics = Physics(stated, names)
-    return _about(signals, physics) if physics.names else _of_data(signals)
+    return _around_theory(signals, physics) if physics.names else _of_data(signals)
 
 
 def known_input(
@@ -302,27 +306,27 @@ def _of_data(signals: KernelSignals) -> MeasuredKernel:
     return as_kernel(signals, whole, {}, chi2, stats)
 
 
-def _first_prior(about: ResidualProducts) -> Prior:
+def _first_prior(about: ResidualProducts) -> KernelPrior:
     """One under which the process would make the data's power, p and q in the ratio of the stated
     kernels."""
     signals = about.signals
     peak = np.abs(signals.stated_kernel[about.element]).max(axis=-1)
     depth = signals.lags.depth_m
-    unit = Prior(peak[None], depth, Place().envelope(depth))
+    unit = KernelPrior(peak[None], depth, Place().envelope(depth))
     own = about.under(unit.envelope)
     power = float(np.diag(own.waves) @ unit.deviations(0, signals.k) ** 2)
     factor = np.sqrt(own.square / max(power, float(np.finfo(float).tiny)))
     return unit._replace(scale=factor * unit.scale)
 
 
-def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
+def _around_theory(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
     """The kernel about a theory that is fitted with it, linearised in its parameters anew in every
     round."""
     far, depth, unit = far_field(signals), signals.lags.depth_m, physics.deviations
     values, place = physics.stated, Place()
-    mean = theory(signals, physics, values).beside(far)
+    mean = theory(signals, physics, values).joined_with(far)
     peak = np.abs(mean.kernel).max(axis=-1)
-    prior = Prior(FIRST_REST * peak, depth, place.envelope(depth))
+    prior = KernelPrior(FIRST_REST * peak, depth, place.envelope(depth))
     for n in range(MOST_ROUNDS):
         t0 = np.concatenate([(values - physics.stated) / unit, np.zeros(len(far.far_slope))])
         best = choose(signals.less_mean(mean), prior, place, t0, True, n < FREE_ROUNDS)
@@ -332,7 +336,7 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
         if np.all(np.abs(found.t[: unit.size]) <= SETTLED * errors):
             break
         values = physics.within(values + unit * found.t[: unit.size])
-        mean = theory(signals, physics, values).beside(far)
+        mean = theory(signals, physics, values).joined_with(far)
     t0 = np.concatenate([(values - physics.stated) / unit, np.zeros(len(far.far_slope))])
     best = choose(signals.less_mean(mean), prior, place, t0, not signals.has_both_ways)
     prior, mean = best.prior, mean.scaled(best.units)
@@ -357,7 +361,7 @@ def _about(signals: KernelSignals, physics: Physics) -> MeasuredKernel:
 
 
 def _moves_by_rest(
-    signals: KernelSignals, prior: Prior, slopes: Float[np.ndarray, "c e 2 m"]
+    signals: KernelSignals, prior: KernelPrior, slopes: Float[np.ndarray, "c e 2 m"]
 ) -> Float[np.ndarray, " c"]:
     """By how much parameters t, of these slopes of the kernels, are off where all of a rest under
     this prior looks like a change of theirs.

@@ -134,7 +134,7 @@ class KernelError(SensorError):
         tables = values, integral_of(self.lags.x_m, values), self.far
 
         def moved(values: Any, integral: Any, far: Any) -> Any:
-            return signal_of(_moved(sensor, values, integral, far))
+            return signal_of(_with_corrections_changed(sensor, values, integral, far))
 
         return np.asarray(jax.vmap(moved)(*map(as_real, tables))) - np.asarray(fitted)
 
@@ -144,7 +144,7 @@ def _stated(film: Film) -> Film:
     return film.stated
 
 
-def _moved(sensor: Sensor, values: Any, integral: Any, far: Any) -> Sensor:
+def _with_corrections_changed(sensor: Sensor, values: Any, integral: Any, far: Any) -> Sensor:
     """The sensor with its films' kernels changed by tables (e, 2, m) and factors (e, 2)."""
 
     def one(row: int, film: Film) -> Film:

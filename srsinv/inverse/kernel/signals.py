@@ -4,6 +4,7 @@ The prior's means of kernels are here, too: the stated far field, or a theory, e
 that enter linearly.
 """
 
+import dataclasses
 from functools import cached_property
 from typing import NamedTuple
 
@@ -40,7 +41,7 @@ class Mean(NamedTuple):
         """The same with parameters in units of these factors."""
         return Mean(*self[:3], *((each.T * factors).T for each in self[3:]))
 
-    def beside(self, other: "Mean") -> "Mean":
+    def joined_with(self, other: "Mean") -> "Mean":
         """The same with the parameters of another as well."""
         both = [np.concatenate([a, b]) for a, b in zip(self[3:], other[3:], strict=True)]
         return Mean(*self[:3], *both)
@@ -163,7 +164,7 @@ class KernelSignals:
             for effect in film.effects[self.known.stated[row] :]:
                 own = own.with_effect(effect)
             films.append(own.backward() if film.is_backward else own)
-        whole = Sensor(films, sensor.skin, sensor.amplifier, sensor.filters)
+        whole = dataclasses.replace(sensor, elements=tuple(films))
         operator = whole.operator(self.known.problem.line, self.known.scan)
         factors = np.array([[1.0], [self.known.effective_friction]])
         if only is not None:
@@ -193,8 +194,8 @@ class KernelSignals:
         rows = self.known.rows_of(element)
         at_lags, own = np.zeros((2, self.lags.x_m.size, len(others))), 0.0
         for row in rows:
-            shown = self._impulses[self._alike(row)].signals @ heavy[:, row].T
-            at_lags += np.stack([shown, self.known.shear(row) * shown])
+            weighed = self._impulses[self._alike(row)].signals @ heavy[:, row].T
+            at_lags += np.stack([weighed, self.known.shear(row) * weighed])
             own = own + others[:, row] @ heavy[:, row].T
         return ResidualProducts(self, element, at_lags, np.asarray(own))
 

@@ -57,7 +57,7 @@ def whiten(problem: LineProblem) -> Whitened:
     return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
 
 
-class Posterior(NamedTuple):
+class PosteriorFactor(NamedTuple):
     """Cholesky factor of the posterior precision.
 
     Where only the deviation from the mean is solved for, the mean has the precision `scale`, which
@@ -149,7 +149,7 @@ def score(problem: LineProblem, prior: Prior, white: Whitened) -> Score:
     return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
 
 
-def _posterior(problem: LineProblem, prior: Prior, white: Whitened) -> Posterior:
+def _posterior(problem: LineProblem, prior: Prior, white: Whitened) -> PosteriorFactor:
     n, unknowns = problem.line.n, problem.unknowns
     size = unknowns * n
     basis = jnp.eye(size)
@@ -158,4 +158,6 @@ def _posterior(problem: LineProblem, prior: Prior, white: Whitened) -> Posterior
     zero_mean = _centre(_centre(precision, problem.zero_mean).T, problem.zero_mean)
     scale = jnp.mean(jnp.diagonal(precision))
     root = jnp.linalg.cholesky(zero_mean + scale * _means(precision, problem.zero_mean))
-    return Posterior(root, problem.zero_mean, scale, jnp.max(jnp.sum(jnp.abs(zero_mean), axis=0)))
+    return PosteriorFactor(
+        root, problem.zero_mean, scale, jnp.max(jnp.sum(jnp.abs(zero_mean), axis=0))
+    )

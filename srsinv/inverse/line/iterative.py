@@ -421,8 +421,8 @@ def _of_gaps(near: NearPeriodic) -> Variance:
         lag = (places[:, None] - gaps.cell[around]) % n
         added = []
         for c in range(unknowns):
-            shown = response[c, gaps.element[around], lag]
-            added.append(np.sum(shown[:, own] * (shown @ inverse.T), axis=1))
+            responses = response[c, gaps.element[around], lag]
+            added.append(np.sum(responses[:, own] * (responses @ inverse.T), axis=1))
         along = _around_line(places, np.stack(added), n)
         far = along(grid)
         on_grid += far

@@ -115,14 +115,14 @@ class NearPeriodic:
         """The missing samples take from these components the trace of
         Q_mm^-1 (Q G)_c (N^-1 G C^-1)_c^H."""
         # N^-1/2 G C^-1
-        shown = np.einsum("eck,ick->eik", self.top, self.inverse[components].conj())
+        filters = np.einsum("eck,ick->eik", self.top, self.inverse[components].conj())
         model = self.model[:, components]
         weights = half_spectrum_weights(self.n)
-        whole = self.n * np.einsum("eik,eik,k->", shown.conj(), model, weights).real
+        whole = self.n * np.einsum("eik,eik,k->", filters.conj(), model, weights).real
         if not self.gaps.cell.size:
             return whole
         left = model - np.einsum("eck,fck,fik->eik", self.top, self.top.conj(), model)
-        taken = np.einsum("eik,fik->efk", left, shown.conj())
+        taken = np.einsum("eik,fik->efk", left, filters.conj())
         return whole - self._trace(blocks, self.white[:, None] * self.white * taken)
 
     def _trace(self, blocks: BlockInverse, matrices: Matrices) -> float:

@@ -42,7 +42,7 @@ class Rule(eqx.Module):
         """
 
 
-class _Minimise(Rule):
+class CriterionRule(Rule):
     """A rule that minimises a criterion of the score."""
 
     @staticmethod
@@ -71,7 +71,7 @@ class _Minimise(Rule):
         return Choice(jnp.asarray(centre), status)
 
 
-class GeneralisedCrossValidation(_Minimise):
+class GeneralisedCrossValidation(CriterionRule):
     """Minimise (residual/N) / (1 - freedom/N)^2: Golub, Heath and Wahba (1979).
 
     It needs no noise level, but takes the noise's colour as given.
@@ -84,7 +84,7 @@ class GeneralisedCrossValidation(_Minimise):
         return score.residual / samples / (1 - score.freedom / samples) ** 2
 
 
-class Evidence(_Minimise):
+class Evidence(CriterionRule):
     """Maximise the likelihood of the data with the traction integrated out."""
 
     name: ClassVar[str] = "evidence"

@@ -236,8 +236,8 @@ def _of_forgetful(
     lags = np.minimum(np.arange(n), n - np.arange(n))
     ratio = np.expm1(-samples * per_sample) / np.expm1(-per_sample) / samples
     covariance = np.exp(-per_sample * (lags * samples - samples + 1)) * ratio**2
-    apart = np.arange(1, samples)
-    covariance[0] = (1 + 2 * np.sum((1 - apart / samples) * np.exp(-per_sample * apart))) / samples
+    lag = np.arange(1, samples)
+    covariance[0] = (1 + 2 * np.sum((1 - lag / samples) * np.exp(-per_sample * lag))) / samples
     return variance * np.fft.rfft(covariance).real
 
 

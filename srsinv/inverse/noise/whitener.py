@@ -29,8 +29,8 @@ class NoisePrecision:
         is_alike = np.abs(at_zero - last) <= FLAT * last
         self.is_white = is_flat(self.precision[:, 1:]) and bool(np.all((at_zero == 0) | is_alike))
         lags = from_spectrum(self.precision, self.n)
-        apart = np.eye(len(self.is_observed))[..., None] * lags
-        self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(apart)
+        precisions = np.eye(len(self.is_observed))[..., None] * lags
+        self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(precisions)
         self.of_offset = None
         if self.scale is not None and has_offset:
             self.of_offset = self._weighed(1 / self.scale) / self.scale

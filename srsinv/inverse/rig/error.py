@@ -120,7 +120,9 @@ class RigError(SensorError):
             channels = slice(int(name.removeprefix("gain_")) - 1, None, _films(sensor))
             own[channels] = fitted[channels] / self.values[i]
             return own
-        above, below = (signal_of(_moved(sensor, name, sign * step)) for sign in (1, -1))
+        above, below = (
+            signal_of(_with_parameter_changed(sensor, name, sign * step)) for sign in (1, -1)
+        )
         return (np.asarray(above) - np.asarray(below)) / (2 * step)
 
 
@@ -143,7 +145,7 @@ def _films(sensor: Sensor) -> int:
     return sum(not film.is_backward for film in sensor.elements)
 
 
-def _moved(sensor: Sensor, name: str, by: float) -> Sensor:
+def _with_parameter_changed(sensor: Sensor, name: str, by: float) -> Sensor:
     """The sensor with one parameter changed by so much."""
 
     def depth(film: Film) -> Film:

@@ -16,7 +16,7 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
 from srsinv.inverse.estimate import averages, relative_error
-from srsinv.inverse.kernel.evidence import Envelope, Prior, Products, likeliest, posterior
+from srsinv.inverse.kernel.evidence import Envelope, KernelPrior, Products, likeliest, posterior
 from srsinv.inverse.kernel.lags import Lags
 from srsinv.inverse.kernel.measure import Place, choose, known_input, measure_kernel
 from srsinv.inverse.kernel.measured import as_netcdf, is_as_written, kernels, load_kernel
@@ -45,17 +45,12 @@ def films(depth_m=DEPTH_M, tilt_deg=0.0, blur_m=0.0):
 STATED, TRUE = Sensor(films()), Sensor(films(9e-4, 4.0, 3e-4))
 
 
-def two_ways(sensor):
-    both = (*sensor.elements, *(film.backward() for film in sensor.elements))
-    return dataclasses.replace(sensor, elements=both)
-
-
 def passes(
     true=TRUE, level=1e-3, seed=0, directions=2, stated=STATED, line=LINE, load=LOAD, noisier=1.0
 ):
     """Mean signals over the known load, of a noise level over the signal's rms; `noisier` times
     as much as stated."""
-    own, given = (two_ways(each) if directions == 2 else each for each in (true, stated))
+    own, given = (each.in_both_directions() if directions == 2 else each for each in (true, stated))
     clean = np.asarray(own.operator(line, SCAN)(np.stack([load, MU * load])))
     rms = level * np.sqrt(np.mean(clean**2))
     data = clean + noisier * rms * np.random.default_rng(seed).normal(size=clean.shape)
@@ -233,7 +228,7 @@ def test_evidence_and_posterior_are_those_of_dense_algebra():
     t0 = np.array([0.3, -0.2])
     logs, wanted = [], []
     for scale, length in ((0.7, 0.3), (2.0, 1.0)):
-        prior = Prior(np.array([[scale, 1.5 * scale]]), length, Envelope(1.0, 1.0))
+        prior = KernelPrior(np.array([[scale, 1.5 * scale]]), length, Envelope(1.0, 1.0))
         r = prior.deviations(0, k)
         found = posterior([products], prior, k, t0)
         covariance = np.eye(30) + a.T @ np.diag(r**2) @ a + j.T @ j
@@ -259,11 +254,11 @@ def test_slopes_and_curvature_of_the_evidence_are_those_of_dense_algebra():
     none = products._replace(
         both=np.zeros((10, 0)), physics=np.zeros((0, 0)), physics_data=np.zeros(0)
     )
-    prior, t0 = Prior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(0)
+    prior, t0 = KernelPrior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(0)
 
     def evidence(logs, own, t0):
         scale, length = prior.scale * np.exp(logs[:2]), prior.length_m * np.exp(logs[2])
-        return posterior([own], Prior(scale, length, prior.envelope), k, t0).log_evidence
+        return posterior([own], KernelPrior(scale, length, prior.envelope), k, t0).log_evidence
 
     r = prior.deviations(0, k)
     by_logs = np.zeros((10, 3))
@@ -283,7 +278,7 @@ def test_slopes_and_curvature_of_the_evidence_are_those_of_dense_algebra():
 
 def test_no_prior_near_the_likeliest_is_likelier():
     k, _, _, _, products = toy()
-    first, t0 = Prior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(2)
+    first, t0 = KernelPrior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(2)
     found, evidence = likeliest([products], first, k, t0, shared=False)
     assert evidence > posterior([products], first, k, t0).log_evidence
     for step in (0.9, 1.1):
@@ -327,7 +322,7 @@ def test_no_place_beside_the_chosen_one_is_likelier():
         known_input(passes(), STATED, LOAD, MU), STATED, Lags(DEPTH_M, 12 * DEPTH_M)
     )
     about, none = signals.less_mean(far_field(signals))[:1], np.zeros(4)
-    first = Prior(np.array([[1e-13, 1e-13]]), DEPTH_M, Place().envelope(DEPTH_M))
+    first = KernelPrior(np.array([[1e-13, 1e-13]]), DEPTH_M, Place().envelope(DEPTH_M))
     best = choose(about, first, Place(4.0, 1.0, 1.0), none, shared=False)
     assert best.place != Place(4.0, 1.0, 1.0)
     for place in best.place.neighbours:
@@ -356,7 +351,7 @@ def test_the_prior_has_its_standard_deviation_at_no_lag():
     lags = Lags(DEPTH_M, 20 * DEPTH_M)
     k = lags.wavenumbers(np.inf)
     envelope = Envelope(2 * DEPTH_M, 0.1)
-    r = Prior(np.array([[3.0, 5.0]]), DEPTH_M, envelope).deviations(0, k)
+    r = KernelPrior(np.array([[3.0, 5.0]]), DEPTH_M, envelope).deviations(0, k)
     basis = lags.envelope(*envelope)[:, None] * lags.waves(k)
     middle = lags.x_m.size // 2
     near = basis[:, :, middle - 3 : middle + 4]
