@@ -337,9 +337,14 @@ CALLING = {
 LOGGERS = next(iter(CALLING))
 
 
-@pytest.mark.parametrize("case", quick(CALLING, LOGGERS, "launcher's part elsewhere"))
 @pytest.mark.parametrize(
-    "flag", quick([[], ["--info", "all"], ["-m"]], []), ids=["run", "info", "sweep"]
+    ("flag", "case"),
+    quick(
+        [("", case) for case in CALLING]
+        + [(flag, case) for flag in ("--info all", "-m") for case in [*CALLING][::5]],
+        ("", LOGGERS),
+        ("", "launcher's part elsewhere"),
+    ),
 )
 def test_an_option_of_hydra_calls_nothing(root, capsys, case, flag):
     group, text = CALLING[case]
@@ -347,7 +352,7 @@ def test_an_option_of_hydra_calls_nothing(root, capsys, case, flag):
     (root.parent / "mine" / "hydra" / group / "own.yaml").write_text(text)
     parts = "+parts={_target_:builtins.open,file:CALLED,mode:w}"
     given = ["--config-dir", str(root.parent / "mine"), f"hydra/{group}=own", parts]
-    assert main([*flag, *given], root) == 2
+    assert main([*flag.split(), *given], root) == 2
     one_sentence(capsys)
     assert os.listdir(".") == []
 

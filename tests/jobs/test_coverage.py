@@ -130,12 +130,12 @@ def surface():
     )
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_page_is_whole(surface):
     check_page(surface)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 @pytest.mark.parametrize("part", ["height_m", "width_m", "position_m", "base_friction"])
 def test_a_ridge_is_covered_too(surface, part):
     """10 recordings: the share in a 90 % interval scatters by 10 %, an rms error by 22 %."""

@@ -116,14 +116,12 @@ def test_error_is_that_of_the_arrays(result, metrics):
             assert metrics[f"error_{component}_{method}"] == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.full
 def test_seed_decides_the_metrics(folder):
     written = untimed((folder / "metrics.json").read_text())
     assert untimed(metrics_json(short_run("default").metrics)) == written
     assert untimed(metrics_json(outcome(*SMALL, "seed=1").metrics)) != written
 
 
-@pytest.mark.full
 def test_single_precision(result):
     dataset = outcome(*SMALL, "precision=float32", "method=wiener").dataset
     assert dataset["estimate"].dtype == np.float32
