@@ -244,7 +244,7 @@ def test_a_harmful_file_is_refused_soon_and_in_little_memory(folder, case):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("copies", [15, pytest.param(1000, marks=pytest.mark.claim)])
+@pytest.mark.parametrize("copies", [6, pytest.param(1000, marks=pytest.mark.claim)])
 def test_damaged_files_are_read_or_refused(tmp_path, copies):
     """In a process of its own; a file beside them is left alone."""
     formats = FORMATS | PACKED

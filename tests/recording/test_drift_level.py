@@ -74,7 +74,7 @@ def test_white_noise_has_no_drift():
     assert np.count_nonzero(levels) <= 2  # 0.2 expected; more once in a thousand
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_false_alarms_are_as_frequent_as_stated():
     levels = drift_levels(RNG(7).normal(size=(1000, N)), RATE_HZ)
     assert np.count_nonzero(levels) <= 5  # 1 expected; more once in a thousand

@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[2]
 FACTS = json.loads((EXAMPLES / "strip_two_element.json").read_text())
 CANARY = "canary"
 WRITE = f"open({CANARY!r}, 'w').close()"
-QUICK = 5  # of each format, beside the literal ones; the slow test takes all, and so many drawn:
+QUICK = 2  # of each format, beside the literal ones; the slow test takes all, and so many drawn:
 DRAWN = 60
 
 # What a hostile part may look like.
