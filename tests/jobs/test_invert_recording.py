@@ -70,7 +70,7 @@ def test_pressure_rises_at_the_ridge(ridge, method):
     assert ridge[f"p_peak_Pa_{method}"] > NOMINAL_PA
 
 
-@pytest.mark.full
+@pytest.mark.claim
 @needs_shared
 def test_the_same_ridge_at_a_varying_speed(ridge):
     metrics = of_file(VARYING, *WIDE).metrics

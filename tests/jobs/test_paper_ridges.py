@@ -125,7 +125,7 @@ def test_fit_tells_apart_what_a_picture_does_not(limits):
     assert m["narrowest_pair_against_noise_exponent"] == pytest.approx(0.5, abs=0.15)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_narrowest_pair_does_not_depend_on_the_cells(limits):
     finer = run("detection_limit", "grid.cells=8192", "detection_limit.points=3")
     for name in ("narrowest_pair_m", "least_height_m"):
