@@ -175,8 +175,9 @@ def _derived(group: Group):
             name: jnp.where(v == 0, 1, v) * jax.random.uniform(key, v.shape, v.dtype, 0.5, 1.5)
             for key, (name, v) in zip(keys, free.items(), strict=False)
         }
-        value, slope = jax.jvp(model, (free,), (turns,))
-        _, pull = jax.vjp(model, free)
+        # Traced once for the value and both ways: half of a test's time is compiling.
+        value, push = jax.linearize(model, free)
+        slope, pull = push(turns), jax.linear_transpose(push, free)
         weights = tuple(
             _weights(jax.random.fold_in(keys[-1], at), part) for at, part in enumerate(value)
         )

@@ -8,6 +8,7 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from srsinv.forward.contact import press
 from srsinv.forward.layered import Layer, Layered
@@ -17,7 +18,7 @@ from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.reference import dense_contact as dense
 from tests.reference import layered
-from tests.stability.matrix import PRECISIONS, Group, HardCase
+from tests.stability.matrix import PRECISIONS, Group, HardCase, within_bounds
 
 CELL_M = 1e-4
 MODULUS_PA = 1e5  # E*, of the plane strain that contact knows
@@ -263,6 +264,9 @@ def edge(name, hard, edge_m, ridge_m=1e-4, tape_m=5e-5, nominal=2e3):
     return HardCase(name, hard, places | given | sizes, tuple(2 * np.array(iterated(48))))
 
 
+# Values here, derivatives in test_more_derivatives.py.
+ODD = Group("47 cells", contact_model, contact_reference, settled(47)[:4] + closing(47), SIZES)
+SHORT = Group("3 cells", contact_model, contact_reference, settled(3)[8:12], SIZES)
 GROUPS = (
     Group(
         "edges",
@@ -278,8 +282,6 @@ GROUPS = (
         SIZES,
     ),
     Group("48 cells", contact_model, contact_reference, settled(48) + closing(48), SIZES),
-    Group("47 cells", contact_model, contact_reference, settled(47)[:4] + closing(47), SIZES),
-    Group("3 cells", contact_model, contact_reference, settled(3)[8:12], SIZES),
     Group("change", change, change_reference, tuple(map(changed, settled(48))), CHANGES),
     Group("lag", lagging, partial(contact_reference, column=lagging_column), lags(48), SIZES),
     Group("bone", bonded, partial(contact_reference, column=bonded_column), on_bone(48), SKIN),
@@ -292,3 +294,9 @@ def test_hard_case(hard):
     assert hard.slopes_finite
     assert hard.disagreement < hard.most_disagreement
     assert hard.error < hard.bound
+
+
+@pytest.mark.parametrize("precision", PRECISIONS)
+@pytest.mark.parametrize("of", [ODD, SHORT], ids=lambda of: of.name)
+def test_value(of, precision, margin):
+    margin(*within_bounds(of, precision))

@@ -1,14 +1,16 @@
-"""Hard cases whose derivatives take programs of their own; their values are tested in
-test_layered.py and test_line.py."""
+"""Hard cases whose derivatives take programs of their own, like those of other groups in kind;
+their values are tested in the files that have them."""
 
 import pytest
 
+from tests.stability.test_contact import ODD, SHORT
+from tests.stability.test_inversion import CURVATURE, MANY
 from tests.stability.test_layered import ON_A_CORE
 from tests.stability.test_line import CHARGE
 
-pytestmark = pytest.mark.full
+pytestmark = pytest.mark.claim
 
-GROUPS = (ON_A_CORE, CHARGE)
+GROUPS = (ON_A_CORE, CHARGE, ODD, SHORT, CURVATURE, MANY)
 
 
 def test_hard_case(hard):
