@@ -12,7 +12,6 @@ from srsinv.forward.sensor import Sensor
 from tests.refusals import refused
 
 CIRCLE = Circle(radius_m=6e-3, samples=192)
-TIERS = [pytest.param(1, marks=pytest.mark.claim), pytest.param(2, marks=pytest.mark.full)]
 # Across x, along x, nearly so, near the circle's edge, and through its centre.
 RIDGES = [(1.0, 4.5e-3), (89.0, -3e-3), (90.0, 0.0), (127.0, 0.0), (179.5, -4.7e-3)]
 
@@ -23,7 +22,7 @@ def sensor(elements):
     return Sensor(films[:elements])
 
 
-@pytest.fixture(scope="module", params=TIERS, ids=["one_element", "two_elements"])
+@pytest.fixture(scope="module", params=[1, 2], ids=["one_element", "two_elements"])
 def directions(request):
     """Every ridge with the one found at 20 dB, and without noise the first."""
     device, rng = sensor(request.param), np.random.default_rng(request.param)
@@ -41,6 +40,8 @@ def away(angle, other):
     return (angle - other + 90) % 180 - 90
 
 
+# tests/jobs/test_circular_scan.py finds two directions in `make test-all`.
+@pytest.mark.claim
 def test_direction_at_20_dB(directions):
     """The project's bound, 2 degrees; the standard errors say a hundredth of it."""
     for (angle, _, _), direction in directions:
@@ -51,6 +52,7 @@ def test_direction_at_20_dB(directions):
         assert 0 <= value < 180
 
 
+@pytest.mark.claim
 def test_what_else_is_read(directions):
     for (angle, distance, clean), direction in directions:
         flipped = abs(direction.parameters["angle_deg"][0] - angle) > 90
@@ -67,6 +69,7 @@ def test_what_else_is_read(directions):
         assert np.sqrt(np.mean(rest**2)) < 0.04 * np.sqrt(np.mean(clean**2))
 
 
+@pytest.mark.claim
 def test_standard_errors_are_those_of_the_noise(directions):
     """Deviations in their units, over all ridges: chi squared of what was found."""
     pulls = [
@@ -76,6 +79,7 @@ def test_standard_errors_are_those_of_the_noise(directions):
     assert 0.5 < np.sum(np.square(pulls)) < 17  # 99 % of five
 
 
+@pytest.mark.claim
 def test_standard_error_of_an_angle_is_at_the_bound(directions):
     """At 20 dB the model is nearly linear over the error: fits reach Cramer and Rao's bound."""
     circling = Circling(sensor(directions[0][0][2].shape[0]), CIRCLE)

@@ -13,12 +13,14 @@ from tests.golden.check import golden_test
 from tests.jobs.run import ROOT, short_forms
 
 MOST_BYTES = 2_000_000
-EACH = 16  # of the refusals are one for `make test-all`, and the rest for `make claims`
+EACH = 32  # of the refusals are one for `make test-all`, and the rest for `make claims`
 PRODUCTS, PUBLIC, RANDOM = (tuple(FAMILIES[each].names()) for each in FAMILIES if each != "forms")
-# Of parts that one of the other products has, too.
+# Of parts that one of the other products has, too, or whose values and derivatives tests/forward
+# and tests/stability compare with references.
 REPEATED = (
-    "half_space_periodic", "layers_periodic", "core_periodic", "uneven_periodic", "uneven_open",
-    "even_filtered", "filters_open", "oblique", "contact_elastic", "surface_tape",
+    "half_space_periodic", "half_space_open", "layers_periodic", "layers_open", "core_periodic",
+    "uneven_periodic", "uneven_open", "even_filtered", "filters_open", "oblique",
+    "contact_elastic", "contact_lagging", "surface_ridge", "surface_tape",
 )  # fmt: skip
 
 test_no_product_has_moved = golden_test(

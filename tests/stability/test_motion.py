@@ -1,5 +1,5 @@
 """Motions as hard as they get: through zero and back, at rest, very slow and fast, with gaps, from
-a far origin of time, and ten million samples long."""
+a far origin of time, and millions of samples long."""
 
 from functools import partial
 
@@ -170,10 +170,10 @@ def test_hard_case(hard):
     assert hard.error < hard.bound
 
 
-LONG, RATE_HZ = 10_000_000, 1e5
+LONG, RATE_HZ = 3_000_000, 1e5
 
 
-def test_the_position_does_not_drift_in_ten_million_samples(margin):
+def test_the_position_does_not_drift_in_millions_of_samples(margin):
     """In single precision a sum from sample to sample would be off by thousands of round-offs."""
     ripple = RippleProfile(1.0, 3.0, 0.3)
     with jax.enable_x64(False):
@@ -187,7 +187,7 @@ def test_the_position_does_not_drift_in_ten_million_samples(margin):
     assert error < bound
 
 
-def test_a_recording_of_ten_million_samples_does_not_drift(margin):
+def test_a_recording_of_millions_of_samples_does_not_drift(margin):
     time_s = np.arange(LONG) / RATE_HZ
     long = Recording(np.zeros((1, LONG)), time_s, np.full(LONG, 0.05), ("a",))
     error, bound = abs(long.position_m[-1] / (0.05 * time_s[-1]) - 1), 16 * EPS["float64"]

@@ -1,4 +1,8 @@
-"""A ridge fitted through contact where the signal hardly holds it: no number that looks sure."""
+"""A ridge fitted through contact where the signal hardly holds it: no number that looks sure.
+
+In `make claims` alone: tests/inverse/features/test_surface_fit.py fits ridges, and noise alone, and
+test_feature_fit.py is honest about features of traction.
+"""
 
 from functools import cache
 
@@ -16,6 +20,8 @@ from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.gridding.cells import Window
+
+pytestmark = pytest.mark.claim
 
 DEPTH_M, EDGE_M, PRESSURE_PA, MU = 0.75e-3, 1e-4, 2e4, 0.4
 WINDOW = Window(-6e-3, 6e-3)

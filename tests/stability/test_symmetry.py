@@ -134,11 +134,14 @@ CHANGES = {  # (data -> data, order of films, side, noise power's factor, answer
     "negated": (lambda y: -y, (0, 1), 1.0, 1.0, lambda r: -r),
     "shifted": (lambda y: np.roll(y, 7, axis=1), (0, 1), 1.0, 1.0, lambda r: np.roll(r, 7, 1)),
 }
+# Each method on each line, each change with each of both: the other half is for `make claims`.
 SOLVED = [
-    (method, kind, change, precision)
-    for method in METHODS
-    for kind in LINES
-    for change in CHANGES
+    pytest.param(
+        method, kind, change, precision, marks=() if (i + j + k) % 2 == 0 else pytest.mark.claim
+    )
+    for i, method in enumerate(METHODS)
+    for j, kind in enumerate(LINES)
+    for k, change in enumerate(CHANGES)
     for precision in PRECISIONS
     # Shifts have an end on the open line, where float32 gives no digit of the normal equations.
     if kind == "periodic" or (change != "shifted" and precision == "float64")
