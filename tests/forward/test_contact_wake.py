@@ -15,7 +15,6 @@ from srsinv.forward.surface import Cylinder, Ridge, Rough
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.refusals import refused
-from tests.tiers import quick
 
 LENGTH_M, N = 0.02, 256
 LINE = Periodic(N, LENGTH_M / N, -LENGTH_M / 2)
@@ -77,7 +76,7 @@ def alone(wake_m):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("wake_m", quick([0.002, 0.008, 0.032], 0.008))
+@pytest.mark.parametrize("wake_m", [0.002, pytest.param(0.008, marks=pytest.mark.claim), 0.032])
 def test_a_cylinder_that_stands_alone(wake_m):
     """Wakes of a tenth of the window to half as long again."""
     reference = alone(wake_m)

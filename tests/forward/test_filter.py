@@ -144,11 +144,17 @@ def test_the_open_lines_kernel_has_the_transfer_for_its_spectrum(speed):
     cell_response, expected = both(stage)
     assert largest_error(cell_response[:, 0], expected[:, 0]) < 1e-8
     assert largest_error(cell_response[:, 1], expected[:, 1]) < 1e-5
-    one, two = (
-        Sensor(elements, filters=each).output(ConstantSpeed(speed)).transfer(jnp.asarray([300.0]))
-        for each in (filters[:1], filters)
-    )
-    factor = filters[1].response(jnp.asarray([300.0 * speed]))
+    k = jnp.asarray([300.0])
+
+    @jax.jit
+    def transfers():
+        stages = (
+            Sensor(elements, filters=each).output(ConstantSpeed(speed))
+            for each in (filters[:1], filters)
+        )
+        return *(stage.transfer(k) for stage in stages), filters[1].response(k * speed)
+
+    one, two, factor = map(np.asarray, transfers())
     np.testing.assert_allclose(two, one * factor[None, None], rtol=1e-13)
 
 
@@ -319,13 +325,18 @@ def test_gradients(kind):
         signals = (*steady, sensor(*filters).operator_along(line, moving)(r))
         return 1e5 * jnp.stack([jnp.sum(signal * weights) for signal in signals])
 
+    @jax.jit
+    def all_of(theta):
+        """The numbers, and their derivatives forward and in reverse, traced once."""
+        value, push = jax.linearize(numbers, theta)
+        pull = jax.linear_transpose(push, theta)
+        return value, jax.vmap(push)(jnp.eye(4)).T, jax.vmap(pull)(jnp.eye(3))[0]
+
     step = 2e-3
-    values = jax.jit(numbers)
     at = np.ones(4) + step * np.asarray([-2.0, -1, 1, 2])[:, None, None] * np.eye(4)
-    by_reach = np.stack([[values(theta) for theta in each] for each in at])
+    by_reach = np.stack([[all_of(theta)[0] for theta in each] for each in at])
     difference = np.tensordot([1, -8, 8, -1], by_reach, 1).T / (12 * step)
-    for mode in (jax.jacfwd, jax.jacrev):
-        jacobian = np.asarray(jax.jit(mode(numbers))(jnp.ones(4)))
+    for jacobian in map(np.asarray, all_of(np.ones(4))[1:]):
         error = np.abs(jacobian - difference).max(axis=1)
         assert np.all(error < 1e-7 * np.abs(difference).max(axis=1)), jacobian - difference
     unmoved = np.array([[0, 1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 0]], dtype=bool)
@@ -356,16 +367,21 @@ def test_gradient_where_there_is_no_delay_yet(mode):
 
 @pytest.mark.full
 def test_single_precision():
+    step = np.where(np.arange(64) < 30, 1.0, 0.0) * np.ones((2, 1))
+
+    @eqx.filter_jit
+    def solve(line, sensor, moving, r):
+        scanned = sensor.operator_along(line, moving)
+        steady = sensor.operator(line, ConstantSpeed(0.1))(r)
+        return steady, scanned(r), scanned.adjoint(scanned(r))
+
     def run():
-        line, r = Open(64, 1e-4, -3e-3), jnp.ones((2, 64)).at[:, 30:].set(0.0)
         films = (Film(), Film(angle_rad=1.3))
         sensor = Sensor(
             films, amplifier=ChargeReadout(1e9), filters=[FirstOrder(3e-4), Butterworth(2e3, 3)]
         )
         moving = Motion(1e-3 * np.arange(40), 1e-4 * np.arange(40) - 2e-3, np.full(40, 0.1))
-        steady = sensor.operator(line, ConstantSpeed(0.1))(r)
-        scanned = eqx.filter_jit(sensor.operator_along)(line, moving)
-        return jax.device_get((steady, scanned(r), scanned.adjoint(scanned(r))))
+        return jax.device_get(solve(Open(64, 1e-4, -3e-3), sensor, moving, as_real(step)))
 
     double = run()
     with jax.enable_x64(False):

@@ -1,5 +1,6 @@
 """A vibrating edge over a resting film, against closed forms of its own and a scan over a line."""
 
+import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -51,14 +52,10 @@ def strip(depth=0.75e-3, angle=0.0, width=0.7e-3, **parts):
     return Sensor([film], **parts)
 
 
-CASES = [
-    (depth, angle, width)
-    for depth in (0.3e-3, 0.75e-3, 2e-3)
-    for angle, width in ((0.0, 0.7e-3), (np.pi / 2, 0.5e-3), (0.4, 1e-3))
-]
+CASES = [(0.3e-3, 0.0, 0.7e-3), (0.75e-3, np.pi / 2, 0.5e-3), (2e-3, 0.4, 1e-3)]
 
 
-@pytest.mark.parametrize(("depth", "angle", "width"), quick(CASES, CASES[4]))
+@pytest.mark.parametrize(("depth", "angle", "width"), quick(CASES, CASES[1]))
 @pytest.mark.parametrize("direction_deg", [0.0, 45.0, -45.0, 80.0])
 def test_the_rig_is_the_mirror_image_of_a_scan(depth, angle, width, direction_deg):
     """Against the closed form as well: v_i = R_f [K_p + mu K_q] over the film's position, and the
@@ -94,12 +91,19 @@ def test_the_mirror_image_holds_on_layers():
     np.testing.assert_allclose(rig[::-1] - rig[-1], scan, atol=1e-6 * np.abs(rig).max())
 
 
+@eqx.filter_jit
+def transfer_of(stage, k):
+    return stage.transfer(k)
+
+
 @pytest.mark.full
 def test_layers_under_a_line_load_against_the_transfer():
     sensor, x = strip(skin=ON_FOAM), np.array([-1.3e-3, 0.0, 0.4e-3, 2e-3])
-    k = np.arange(0.5, 4e4)
-    transfer = np.asarray(sensor.charge().transfer(jnp.asarray(k)))[0]
-    expected = np.real(transfer @ np.exp(1j * np.outer(k, x))) / np.pi
+    # Steps of 4/m: what wraps around after 1.6 m is nothing on a core.
+    step = 4.0
+    k = np.arange(step / 2, 4e4, step)
+    transfer = np.asarray(transfer_of(sensor.charge(), jnp.asarray(k)))[0]
+    expected = step * np.real(transfer @ np.exp(1j * np.outer(k, x))) / np.pi
     ours = line_response(sensor, x)[0]
     np.testing.assert_allclose(ours, expected, atol=1e-8 * np.abs(expected).max())
 
@@ -168,11 +172,13 @@ def test_a_line_load_is_linear_and_does_not_pull():
 
 @pytest.mark.full
 def test_indentation_against_direct_quadrature():
-    """delta = F/pi times the integral of C(k) 2 J_1(ka)/(ka), term by term on even wavenumbers."""
+    """delta = F/pi times the integral of C(k) 2 J_1(ka)/(ka), term by term on even wavenumbers;
+    what wraps around after 0.8 m is nothing on a core."""
     edge, load = KnifeEdge(5e-3), np.array([1.0])
     a = edge.half_width_m(ON_FOAM, load)[0]
-    k = np.arange(0.5, 2e6)
-    direct = np.sum(ON_FOAM.compliance_once(k) * 2 * j1(k * a) / (k * a)) / np.pi
+    step = 8.0
+    k = np.arange(step / 2, 2e6, step)
+    direct = step * np.sum(ON_FOAM.compliance_once(k) * 2 * j1(k * a) / (k * a)) / np.pi
     relation = Indentation(edge, ON_FOAM, 0.75e-3)
     assert relation.indentation_m(load)[0] == pytest.approx(direct, rel=1e-6)
     # The result does not depend on the length that splits the integral.

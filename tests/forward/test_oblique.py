@@ -17,8 +17,7 @@ from srsinv.forward.oblique import TurnedSkin, turned, turned_scan
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
-from srsinv.forward.traction import UniformStrip
-from srsinv.grid import Open, Periodic
+from srsinv.grid import Open, Periodic, as_real
 from tests.forward.setups import LINES, SCAN, apply, full_sensor, largest_error
 from tests.refusals import refused
 from tests.tiers import quick
@@ -44,7 +43,7 @@ def oblique(angle, line, sensor, r):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", quick(LINES, "open_odd"))
+@pytest.mark.parametrize("name", ["periodic_even", "open_odd"])
 def test_straight_features_are_the_straight_model(name):
     """Every element and effect, on every line."""
     sensor, r = full_sensor(CurrentAmplifier()), per_line(name)
@@ -150,13 +149,17 @@ def test_antiplane_transfer_is_that_of_the_line_load():
     shear, x = TurnedSkin(HalfSpace(), 0.0).antiplane, np.array([-1.3e-3, 0.2e-3, 2e-3])
     k = np.linspace(0, 40 / DEPTH, 20001)
     wave = np.exp(1j * k * x[:, None])
-    spectrum = np.array(shear.transfer(jnp.asarray(k), jnp.asarray(DEPTH)))
+
+    @jax.jit
+    def solve(k, x, width):
+        at_surface = shear.transfer(jnp.asarray([-2e3, 2e3]), jnp.asarray(0.0))
+        return shear.transfer(k, DEPTH), shear.strip_response(x, DEPTH, width), at_surface
+
+    width = 1e-6 * DEPTH
+    spectrum, strip, at_surface = map(np.array, solve(k, x, width))
     spectrum[0, 0] = 1j  # the limit from above, as only k > 0 is summed
     line = np.trapezoid(np.real(spectrum[:, None] * wave), k, axis=-1) / np.pi
-    width = jnp.asarray(1e-6 * DEPTH)
-    ours = shear.strip_response(jnp.asarray(x), jnp.asarray(DEPTH), width) / width
-    assert largest_error(ours, line) < 1e-5
-    at_surface = shear.transfer(jnp.asarray([-2e3, 2e3]), jnp.asarray(0.0))
+    assert largest_error(strip / width, line) < 1e-5
     np.testing.assert_allclose(at_surface, [[-1j, 1j], [-1, -1]], atol=1e-15)
 
 
@@ -165,20 +168,19 @@ def test_antiplane_transfer_is_that_of_the_line_load():
 
 @pytest.mark.full
 def test_length_takes_the_stated_factor():
-    angle, k = 0.6, jnp.linspace(0, 8e3, 57)
+    angle, k = 0.6, np.linspace(0, 8e3, 57)
     film = Film(DEPTH, 0.3, length_m=6e-3)
     long = turned(Sensor([film]), angle)
     thin = Sensor([film], TurnedSkin(HalfSpace(), angle))
-    a = np.asarray(k) * 6e-3 * np.sin(angle) / 2
+    a = k * 6e-3 * np.sin(angle) / 2
     factor = np.sin(a) / np.where(a > 0, a, 1.0) + (a == 0)
-    expected = factor * np.asarray(thin.charge().transfer(k))
-    np.testing.assert_allclose(
-        long.charge().transfer(k), expected, atol=1e-12 * np.abs(expected).max()
-    )
+    ours, others = jax.jit(lambda k: [s.charge().transfer(k) for s in (long, thin)])(k)
+    expected = factor * np.asarray(others)
+    np.testing.assert_allclose(ours, expected, atol=1e-12 * np.abs(expected).max())
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("angle", [0.1, 1.0, -1.5])
+@pytest.mark.parametrize("angle", [0.1, -1.5])
 def test_open_and_periodic_line_agree_on_the_length(angle):
     """Two ways to average over it: what is left falls with the cells' size, squared. A load without
     net force or moment is not felt in the middle of one window from the next."""
@@ -190,13 +192,13 @@ def test_open_and_periodic_line_agree_on_the_length(angle):
 def difference_of_lines(angle, cells):
     cell = 64 * DEPTH / cells
     lines = [kind(cells, cell, -cells / 2 * cell) for kind in (Open, Periodic)]
-    t = lines[0].x / 1e-3
-    hat = (1 - 2 * t**2) * jnp.exp(-(t**2))
-    traction = jnp.stack([hat, jnp.zeros_like(hat)])
+    t = np.asarray(lines[0].x) / 1e-3
+    hat = (1 - 2 * t**2) * np.exp(-(t**2))
+    traction = jnp.asarray([hat, np.zeros_like(hat)])
     sensor = Sensor([Film(DEPTH, 0.0), Film(DEPTH, np.pi / 2)])
     ours, other = (oblique(angle, line, sensor, traction) for line in lines)
     middle = slice(cells // 3, 2 * cells // 3)
-    return largest_error(ours[:, middle], other[:, middle])
+    return largest_error(np.asarray(ours)[:, middle], np.asarray(other)[:, middle])
 
 
 def test_features_that_lean_either_way_feel_the_same():
@@ -240,14 +242,19 @@ LINES_SHORT = {"open": Open(24, 2e-4), "periodic": Periodic(24, 2e-4)}
 @pytest.mark.full
 @pytest.mark.parametrize("kind", LINES_SHORT)
 def test_gradient_in_the_angle(kind):
-    function = partial(value, kind)
-    angles = jnp.asarray([0.0, 0.5, -1.2, np.pi / 2 - 3e-3])
     step = 1e-3
-    near = (angles[None] + step * jnp.asarray([[-2.0], [-1], [1], [2]])).ravel()
-    values = jax.jit(lambda a: jax.lax.map(function, a))(near).reshape(4, -1)
-    expected = np.array([1, -8, 8, -1]) @ np.asarray(values) / (12 * step)
-    forward = jax.jit(lambda a: jax.lax.map(jax.jacfwd(function), a))(angles)
-    reverse = jax.jit(lambda a: jax.lax.map(jax.grad(function), a))(angles)
+    angles = np.array([0.0, 0.5, -1.2, np.pi / 2 - 3e-3])
+    near = angles + step * np.arange(-2, 3)[:, None]
+
+    def all_of(angle):
+        """The value, and its derivative forward and in reverse, traced once."""
+        number, push = jax.linearize(partial(value, kind), angle)
+        return number, push(1.0), jax.linear_transpose(push, angle)(1.0)[0]
+
+    columns = jax.jit(lambda a: jax.lax.map(all_of, a))(near.ravel())
+    values, forward, reverse = (np.asarray(each).reshape(5, -1) for each in columns)
+    expected = np.array([1, -8, 0, 8, -1]) @ values / (12 * step)
+    forward, reverse = forward[2], reverse[2]
     scale = np.abs(expected).max()
     assert scale > 1e-2
     np.testing.assert_allclose(forward, expected, atol=1e-7 * scale)
@@ -376,11 +383,12 @@ def test_shear_along_features_on_layers(k):
 
 @pytest.mark.full
 def test_single_precision():
+    p = 1e3 * (np.abs(np.arange(48) - 23.5) < 3)
+
     def simulate():
         films = (Film(DEPTH, 0.4, effects=(Offset(0.4e-3),)),)
         line, sensor = Open(48, 2e-4, -4.7e-3), Sensor(films)
-        p = UniformStrip(1e3, 1e-3).cell_average(line)
-        traction = jnp.stack([p, 0.4 * p])
+        traction = as_real(np.stack([p, 0.4 * p]))
         silent = oblique(np.pi / 2, line, sensor, traction)
         circling = Circling(sensor, Circle(samples=64))(ObliqueRidge(1.1, 2e-3, friction=0.3))
         return oblique(1.1, line, sensor, traction), circling, silent

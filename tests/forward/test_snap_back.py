@@ -131,7 +131,7 @@ def test_spectrum_does_not_know_the_way():
 @pytest.mark.parametrize("decay", [0.4e-3, 5e-3, 0.1])
 def test_draws_have_the_spectrum_in_the_mean(decay):
     noise = snap_back(decay)
-    power = np.abs(np.fft.rfft(drawn(noise, BACKWARDS, 6))) ** 2 / 64
+    power = np.abs(np.fft.rfft(drawn(noise, BACKWARDS, 2))) ** 2 / 64
     power = power.mean(1)[:, 1:]
     ratio = power / np.asarray(spectrum_of(noise, LINE, SCAN))[1:]
     whole = ratio.mean(1)
@@ -268,10 +268,10 @@ def test_spectrum_passes_the_filters():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("scan", [SCAN, BACKWARDS], ids=["forwards", "backwards"])
-def test_draws_come_later_in_time(scan):
+def test_draws_come_later_in_time():
     """Along x the filtered draw is scipy's response times the same draw without filters, its phase
     turned where the finger slides backwards."""
+    scan = BACKWARDS
     omega = 2 * np.pi * np.arange(33) / (64 * DT) * np.sign(float(scan.speed_m_per_s))
     response = 1 / (1 + 4e-3j * omega)
     response *= scipy.signal.freqs(*scipy.signal.butter(3, 2 * np.pi * 90, analog=True), omega)[1]

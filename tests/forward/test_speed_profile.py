@@ -164,16 +164,18 @@ def test_gradients_of_the_motion():
         return [weights[0, :count] @ motion.position_m[:count],
                 weights[1, :count] @ motion.speed_m_per_s[:count]]  # fmt: skip
 
-    @jax.jit
     def traced(theta):
         motion = at_times(jnp.asarray(time), START, theta[9], paces_of(theta))
-        return motion.position_m, jnp.stack(numbers(motion, time.size))
+        return jnp.stack(numbers(motion, time.size)), motion.position_m
 
-    np.testing.assert_allclose(traced(THETA)[0], first.position_m, rtol=0, atol=1e-15)
-    of_numbers = jax.jit(lambda theta: traced(theta)[1])
-    forward, reverse = jax.jit(lambda t: (jax.jacfwd(of_numbers)(t), jax.jacrev(of_numbers)(t)))(
-        THETA
-    )
+    @jax.jit
+    def both_ways(theta):
+        _, push, position = jax.linearize(traced, theta, has_aux=True)
+        pull = jax.linear_transpose(push, theta)
+        return position, jax.vmap(push)(jnp.eye(10)).T, jax.vmap(pull)(jnp.eye(2))[0]
+
+    position, forward, reverse = both_ways(THETA)
+    np.testing.assert_allclose(position, first.position_m, rtol=0, atol=1e-15)
     np.testing.assert_allclose(reverse, forward, rtol=1e-9, atol=1e-9 * np.abs(forward).max())
 
     def apart(theta):
@@ -191,9 +193,14 @@ def test_gradients_of_the_motion():
 @pytest.mark.full
 def test_times_may_begin_later():
     late = jnp.asarray([0.13, 0.19, 0.3])
-    whole = at_times(jnp.concatenate([jnp.zeros(1), late]), START, SPEED, [STOP, BACK])
-    motion = at_times(late, START, SPEED, [STOP, BACK])
-    np.testing.assert_allclose(motion.position_m, whole.position_m[1:], rtol=0, atol=1e-9)
+
+    @jax.jit
+    def places(late):
+        times = jnp.concatenate([jnp.zeros(1), late]), late
+        return [at_times(time, START, SPEED, [STOP, BACK]).position_m for time in times]
+
+    whole, moved = map(np.asarray, places(late))
+    np.testing.assert_allclose(moved, whole[1:], rtol=0, atol=1e-9)
     refused(lambda: at_times(late - 0.2, START, SPEED), "begins at -0.07", "from 0")
 
 
