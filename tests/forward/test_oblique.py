@@ -347,14 +347,14 @@ def by_all_ways(angle):
 
 @pytest.mark.full
 def test_layers_of_one_material_are_the_half_space():
-    """In and out of the plane, on both lines."""
+    """In and out of the plane."""
     same = Layered([Layer(1e-3), Layer(2e-3), Layer()])
-    for name in ("periodic_even", "open_odd"):
-        signals = [
-            oblique(0.6, LINES[name], Sensor([Film(DEPTH, 0.3)], skin), per_line(name))
-            for skin in (same, HalfSpace())
-        ]
-        assert largest_error(*signals) < 1e-10
+    name = "open_odd"
+    signals = [
+        oblique(0.6, LINES[name], Sensor([Film(DEPTH, 0.3)], skin), per_line(name))
+        for skin in (same, HalfSpace())
+    ]
+    assert largest_error(*signals) < 1e-10
 
 
 @pytest.mark.parametrize("k", [3.0, 40.0, 900.0, 8e3])

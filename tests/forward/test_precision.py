@@ -49,7 +49,7 @@ def run(kind):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("kind", LINES)
+@pytest.mark.parametrize("kind", ["open", pytest.param("periodic", marks=pytest.mark.claim)])
 def test_single_precision(kind):
     double = run(kind)
     with jax.enable_x64(False):
