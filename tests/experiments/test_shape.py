@@ -72,12 +72,20 @@ def _draws(n: int, draws: int):
     """Tractions (draw, 2, n) from the filter's own spectra, their noisy signals (draw, 2, n), and
     the problem of the first."""
     line = make_line(n=n)
-    forward, (first, second) = make_operator(line), jax.random.split(jax.random.key(1))
-    power = 1e3**2 * exponential_spectrum(line.k, line.cell_m, 1e-3).at[0].set(0.0)
-    noise = jnp.full(line.k.shape, 1e-6**2)
-    truth = draw(first, power, 2 * draws, n).reshape(draws, 2, n)
-    signals = jax.vmap(forward)(truth) + draw(second, noise, 2 * draws, n).reshape(draws, 2, n)
-    return LineProblem(line, forward, signals[0], noise.at[0].set(jnp.inf)), truth, signals
+    forward = make_operator(line)
+    noise = np.full(line.k.shape, 1e-6**2)
+
+    @jax.jit
+    def drawn():
+        first, second = jax.random.split(jax.random.key(1))
+        power = 1e3**2 * exponential_spectrum(line.k, line.cell_m, 1e-3).at[0].set(0.0)
+        truth = draw(first, power, 2 * draws, n).reshape(draws, 2, n)
+        added = draw(second, jnp.asarray(noise), 2 * draws, n).reshape(draws, 2, n)
+        return truth, jax.vmap(forward)(truth) + added
+
+    truth, signals = jax.device_get(drawn())
+    noise[0] = np.inf  # of a mean
+    return LineProblem(line, forward, signals[0], noise), truth, signals
 
 
 METHOD = {path: Wiener(Exponential(1e3, 1e-3), Exponential(1e3, 1e-3), path=path)
@@ -91,14 +99,19 @@ def test_band_is_what_draws_scatter_by():
     touching = jnp.asarray((np.arange(n) > 8) & (np.arange(n) < 30))
     method = METHOD["spectral"]
     profile, stderr = shape_band(problem.line, SKIN, method(problem), touching)
-    prior = SpectralPrior(jnp.stack([s.power(problem) for s in (method.p, method.q)]))
 
-    def values(data):
-        return solve(eqx.tree_at(lambda p: p.data, problem, data), prior).value[0]
+    @jax.jit
+    def profiles(signals, truth):
+        prior = SpectralPrior(jnp.stack([s.power(problem) for s in (method.p, method.q)]))
 
-    p = jax.vmap(values)(signals)
-    w = shape_under(problem.line, SKIN, jnp.stack([p, truth[:, 0]]))
-    w = w - jnp.mean(w, axis=-1, keepdims=True, where=touching)
+        def values(data):
+            return solve(eqx.tree_at(lambda p: p.data, problem, data), prior).value[0]
+
+        p = jax.vmap(values)(signals)
+        w = shape_under(problem.line, SKIN, jnp.stack([p, truth[:, 0]]))
+        return w - jnp.mean(w, axis=-1, keepdims=True, where=touching)
+
+    w = np.asarray(profiles(signals, truth))
     np.testing.assert_allclose(w[0, 0], profile, rtol=1e-9, atol=1e-15)
     scatter = np.sqrt(np.mean(np.asarray(w[0] - w[1]) ** 2, axis=0))
     np.testing.assert_allclose(scatter, stderr, rtol=0.06)

@@ -40,7 +40,8 @@ def now(old: Mapping[str, Any], parts: Collection[str] = PARTS) -> dict[str, Any
         if "typed" in parts:
             updated["typed"] = [[words, *_typed(words, here)] for words, *_ in old["typed"]]
         if "configured" in parts:
-            jobs = {name: composed(*shlex.split(words)) for name, words in old["jobs"].items()}
+            asked = {job for job, *_ in old["configured"]}
+            jobs = {name: composed(*shlex.split(old["jobs"][name])) for name in asked}
             updated["configured"] = [
                 [job, key, value, _configured(put(jobs[job], key, value), here)]
                 for job, key, value, _ in old["configured"]

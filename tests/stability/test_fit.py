@@ -25,6 +25,7 @@ MAX_ERROR_SIGMA = 5  # standard errors from the truth at most, where an answer i
 QUICK = ("optimistix", "optax L-BFGS")  # to compile
 SOLVERS = {s.name: s for s in (Optimistix(), OptaxLBFGS(), JaxoptLBFGSB())}
 # The slow one is in tests/inverse/nonlinear, and here in `make claims` alone.
+ONE_AND_OTHER = [QUICK[0], pytest.param(QUICK[1], marks=pytest.mark.claim)]
 MOSTLY_QUICK = [*QUICK, pytest.param("jaxopt LBFGSB", marks=pytest.mark.claim)]
 
 # What stays, and how the fit says so.
@@ -226,7 +227,7 @@ def test_noise_below_rounding(precision):
     assert largest_z_score(fit, TRUTH) < MAX_ERROR_SIGMA
 
 
-@pytest.mark.parametrize("solver", QUICK)
+@pytest.mark.parametrize("solver", ONE_AND_OTHER)
 def test_more_parameters_than_data(solver, precision):
     """Of three numbers two data tell two combinations; a third stands alone."""
     noise = np.full(N, np.inf)
@@ -371,7 +372,7 @@ def test_a_square_root_from_zero(solver, precision):
         assert np.isposinf(fit.stderr["a"])
 
 
-@pytest.mark.parametrize("solver", QUICK)
+@pytest.mark.parametrize("solver", ONE_AND_OTHER)
 def test_only_a_product_is_told(solver, precision, margin):
     def product(p):
         return p["a"] * p["b"] * jnp.exp(-2 * jnp.asarray(X.copy())) + 0 * p["n"]

@@ -197,8 +197,11 @@ def layered(u: UnitFactors):
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize("skin", ["half space", "layered"])
-@pytest.mark.parametrize("kind", LINES)
+@pytest.mark.parametrize(("skin", "kind"), [
+    ("half space", "open"), ("layered", "periodic"),
+    pytest.param("half space", "periodic", marks=pytest.mark.claim),
+    pytest.param("layered", "open", marks=pytest.mark.claim),
+])  # fmt: skip
 def test_signal_in_other_units(kind, skin, precision, margin):
     """The signal of a given traction, and its adjoint."""
 

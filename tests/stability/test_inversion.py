@@ -247,16 +247,16 @@ def group(
 GROUPS = (
     group("Wiener", TWO),
     group("slope penalty", SLOPES, order=1),
-    group(
-        "one element",
-        tuple(rubbing(mu) for mu in (0.0, 1e-6, -1e-6, 1.0, -1.0, 1e3, -1e3, 1e6, -1e6)),
-    ),
     group("direct", MISSING, 12, None, "direct", OBSERVED, squared, side_by_side=False),
 )
 
 
 # Values here, derivatives in test_more_derivatives.py.
 CURVATURE = group("curvature penalty", SLOPES[:5], order=2)
+ONE = group(
+    "one element",
+    tuple(rubbing(mu) for mu in (0.0, 1e-6, -1e-6, 1.0, -1.0, 1e3, -1e3, 1e6, -1e6)),
+)
 MANY = group(
     "twenty elements",
     (
@@ -267,6 +267,7 @@ MANY = group(
 )
 VALUES = (
     CURVATURE,
+    ONE,
     MANY,
     *(
         group(f"{n} cells", tuple(case(name, hard, n=n, **c) for name, hard, c in FEW), n)

@@ -3,14 +3,14 @@ their values are tested in the files that have them."""
 
 import pytest
 
-from tests.stability.test_contact import BONE, ODD, SHORT
-from tests.stability.test_inversion import CURVATURE, MANY
+from tests.stability.test_contact import BONE, LAG, ODD, SHORT
+from tests.stability.test_inversion import CURVATURE, MANY, ONE
 from tests.stability.test_layered import ON_A_CORE
 from tests.stability.test_line import CHARGE
 
 pytestmark = pytest.mark.claim
 
-GROUPS = (ON_A_CORE, CHARGE, ODD, SHORT, BONE, CURVATURE, MANY)
+GROUPS = (ON_A_CORE, CHARGE, ODD, SHORT, LAG, BONE, CURVATURE, ONE, MANY)
 
 
 def test_hard_case(hard):
