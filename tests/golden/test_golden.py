@@ -20,7 +20,7 @@ PRODUCTS, PUBLIC, RANDOM = (tuple(FAMILIES[each].names()) for each in FAMILIES i
 REPEATED = (
     "half_space_periodic", "half_space_open", "layers_periodic", "layers_open", "core_periodic",
     "uneven_periodic", "uneven_open", "even_filtered", "filters_open", "oblique",
-    "circular", "contact_elastic", "contact_lagging", "surface_ridge", "surface_tape",
+    "circular", "contact_elastic", "contact_lagging", "features", "surface_ridge", "surface_tape",
 )  # fmt: skip
 
 test_no_product_has_moved = golden_test(

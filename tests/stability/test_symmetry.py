@@ -1,5 +1,7 @@
 """What changes nothing real changes nothing: mirrors, shifts, orders, copies and signs."""
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -91,6 +93,7 @@ def test_shifted_signal_on_the_open_line(precision, margin):
         check(moved[:, 5:], signal[:, :-5], FORWARD * eps(precision), margin)
 
 
+@cache
 def data(kind, precision):
     """A noisy signal and its noise's standard deviation, in float32's digits."""
     with jax.enable_x64(True):
@@ -100,13 +103,14 @@ def data(kind, precision):
     return noisy.astype("float32").astype(precision), sigma
 
 
+@cache
 def condition(kind, method, sigma) -> float:
     """Of the rows [G/sigma; P^(1/2)] of the dense problem: that by which orthogonalising them wave
     by wave grows rounding. Its square is that of the normal equations."""
     with jax.enable_x64(True):
         _, forward = operator(kind)
         basis = np.eye(2 * N).reshape(2 * N, 2, N)
-        model = np.array([np.asarray(forward(jnp.asarray(each))).ravel() for each in basis]).T
+        model = np.asarray(jax.vmap(forward)(jnp.asarray(basis))).reshape(2 * N, -1).T
     if method == "wiener":
         lag = CELL_M * np.abs((np.arange(N)[:, None] - np.arange(N) + N // 2) % N - N // 2)
         held = np.linalg.inv(1e6 * np.exp(-lag / 1e-3))
