@@ -1,8 +1,9 @@
 """The hard cases of a test file, its GROUPS, one after the other in both precisions as `hard`; and
 at the end of a run how many there were and which came nearest to its bound.
 
-All are in `make test-all` in double precision, and each file's first group in single precision,
-too: the rest is for `make claims`. `make test` runs each file's first group in double precision.
+All but those of test_more_derivatives.py are in `make test-all` in double precision, and each
+file's first group in single precision, too: the rest is for `make claims`. `make test` runs each
+file's first group in double precision.
 """
 
 from pathlib import Path
