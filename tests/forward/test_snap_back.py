@@ -162,7 +162,7 @@ def jumps_of(noise):
     return np.where(np.abs(jumps) > 1e-12 * np.abs(charge).max(), jumps, 0.0)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_number_of_events_is_that_of_poisson():
     """The samples with an event are as dispersed as if each were alone in the world."""
     counts = (jumps_of(snap_back(5e-3, "slow", rate_hz=20.0)) != 0).sum(1)
@@ -171,7 +171,7 @@ def test_number_of_events_is_that_of_poisson():
     assert stats.chi2(counts.size).ppf(0.0005) < spread < stats.chi2(counts.size).ppf(0.9995)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_amplitudes_are_gaussian():
     """At one place, hardly decayed when sampled and hardly ever two in a sample."""
     jumps = jumps_of(snap_back(1.0, "slow", rate_hz=8.0, contact_m=1e-12))

@@ -180,7 +180,7 @@ def test_a_signal_of_zeros(name, precision):
     assert_honest(estimate, {FEATURES[name].amplitude: 0.0}, lambda *_: None)
 
 
-# Begun there they are told apart below; one after the other costs a fit of each.
+# The next test has the sum and its error, too.
 @pytest.mark.claim
 def test_two_on_one_spot(precision, margin):
     """Found one after the other, the first takes both: each strength is told in their sum only."""
