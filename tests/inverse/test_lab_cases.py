@@ -17,13 +17,8 @@ def test_what_is_good_and_beyond_is_known():
     assert set(json.loads((RESULTS / "lab_cases.json").read_text())["good_and_beyond"]) == KNOWN
 
 
-@pytest.mark.parametrize(
-    "case",
-    [
-        pytest.param("slip_100um", marks=pytest.mark.full),
-        pytest.param("tape_edge_3", marks=pytest.mark.claim),
-    ],
-)
+@pytest.mark.claim
+@pytest.mark.parametrize("case", ["slip_100um", "tape_edge_3"])
 def test_no_answer_is_good_and_beyond(case):
     for by, row in answers(case).items():
         assert row["quality"] != "good" or not is_beyond(row), by

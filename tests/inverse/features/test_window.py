@@ -69,7 +69,7 @@ def test_the_evidence_is_that_of_a_load_anywhere_in_the_recording(both):
 
 @pytest.mark.full
 def test_the_stretch_does_not_grow_with_the_recording():
-    short, long = (stretch_of(recording(depths), FEATURES) for depths in (120, 1200))
+    short, long = (stretch_of(recording(depths), FEATURES) for depths in (300, 1200))
     assert short.is_part
     assert long.window.length_m < 1.1 * short.window.length_m
     place = 0.6 * float(long.whole.end_m)
@@ -87,16 +87,16 @@ def test_a_short_recording_is_whole():
 
 @pytest.mark.full
 def test_what_is_left_out_is_said():
-    problem = recording(400, (0.2, 0.7), (8.0, 16.0))
+    problem = recording(300, (0.1, 0.7), (8.0, 16.0))
     stretch = stretch_of(problem, FEATURES)
     end = float(stretch.whole.end_m)
     assert stretch.window.start_m < 0.7 * end < stretch.window.end_m
     (warning,) = stretch.warnings
     assert f"{stretch.elsewhere_m:.6g} m: give the feature's position_range_m" in warning
-    assert stretch.elsewhere_m == pytest.approx(0.2 * end, abs=8 * DEPTH_M)
+    assert stretch.elsewhere_m == pytest.approx(0.1 * end, abs=8 * DEPTH_M)
     chosen = {"line": LineFeature(position_range_m=(0.0, 0.4 * end))}
     near = stretch_of(problem, chosen)
-    assert near.window.start_m < 0.2 * end < near.window.end_m
+    assert near.window.start_m < 0.1 * end < near.window.end_m
     assert near.elsewhere_m is None
 
 
@@ -113,4 +113,4 @@ def test_a_scan_of_a_wrong_unit_is_refused():
 @pytest.mark.full
 def test_a_range_beside_the_scan_is_refused():
     with pytest.raises(BadInput, match="no sample lies in the feature's position_range_m"):
-        stretch_of(recording(120), {"line": LineFeature(position_range_m=(5.0, 6.0))})
+        stretch_of(recording(300), {"line": LineFeature(position_range_m=(5.0, 6.0))})

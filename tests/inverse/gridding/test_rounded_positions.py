@@ -24,9 +24,10 @@ SENSOR = Sensor(
 
 
 def fit(seed, step_m=STEP_M):
-    """There and back over a strip, its positions in steps, from another origin each way."""
+    """There and back over a strip, its positions in steps, from another origin each way; 2.03 steps
+    in a sample, so that all places within a step come up."""
     rng = np.random.default_rng(seed)
-    steady = np.full(700, 0.02 * (1 + 0.05 * rng.normal()))
+    steady = np.full(700, 0.0203)
     turn = -steady[0] * np.sin(np.linspace(-np.pi / 2, np.pi / 2, 80))
     speed = np.concatenate([steady, turn, -steady])
     motion = Motion.from_speed(np.arange(speed.size) / RATE_HZ, speed, -0.007)

@@ -137,15 +137,19 @@ def test_standard_errors_are_those_of_many_draws():
 
 
 @pytest.mark.full
-def test_one_strip():
+def test_one_strip_and_what_is_held_of_it():
     feature, held = FEATURES["ridge"]
-    signal = recorded(feature, np.random.default_rng(3))
-    made = calibrate(problem(signal, elements=1), feature, held)
+    given = problem(recorded(feature, np.random.default_rng(3)), elements=1)
+    made = calibrate(given, feature, held)
     assert set(made.parameters) == {"gain_1", "depth_m", "position_m", "base_friction"}
-    assert max(map(abs, pulls(made).values())) < 3.5
+    tight = calibrate(given, feature, held | {"depth_m": TRUE["depth_m"]})
+    assert set(tight.parameters) == set(made.parameters) - {"depth_m"}
+    assert tight.parameters["gain_1"][1] < 0.9 * made.parameters["gain_1"][1]
+    for each in (made, tight):
+        assert max(map(abs, pulls(each).values())) < 3.5
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_what_is_held_stays_and_the_rest_is_surer():
     feature, held = FEATURES["ridge"]
     signal = recorded(feature, np.random.default_rng(4))
