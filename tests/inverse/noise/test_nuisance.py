@@ -118,7 +118,7 @@ def test_paths_are_the_dense_posterior(path, offset):
     assert np.ptp(off) < 0.01
     weights = np.asarray(line_problem.mean_weights)[0]
     less_mean = np.eye(expected.size) - weights
-    own = np.sqrt(np.einsum("ij,jk,ik->i", less_mean, covariance, less_mean))
+    own = np.sqrt(np.sum(less_mean @ covariance * less_mean, axis=1))
     assert np.asarray(estimate.stderr)[0, cells] == pytest.approx(own[cells], rel=0.02)
 
 

@@ -61,6 +61,7 @@ def test_constrained_minimum(solver):
         )  # fmt: skip
         z = np.array([fit.value[name] for name in NAMES])
         assert fit.converged, (seed, fit.status)
+        assert fit.stats["solver"] == solver.name
         assert (z >= lower).all()
         assert (z <= upper).all()
         np.testing.assert_allclose(fit.stats["cost"], expected.cost, rtol=1e-8)

@@ -1,5 +1,6 @@
 """Standard errors against the spread over draws of the noise, and how often they cover."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -89,7 +90,14 @@ def with_outliers(count):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    ("loss", "noise"), [*((loss, RMS) for loss in LOSSES), (Huber(), None)], ids=str
+    ("loss", "noise"),
+    [
+        (Huber(), RMS),
+        (Cauchy(), RMS),
+        (Huber(), None),
+        pytest.param(SoftL1(), RMS, marks=pytest.mark.claim),
+    ],
+    ids=str,
 )
 def test_outliers(loss, noise):
     fits = [srsinv.fit(model, NEAR, y, noise=noise, loss=loss) for y in with_outliers(120)]
@@ -121,16 +129,17 @@ def test_root(loss):
         SoftL1: d**2 * (np.sqrt(1 + (r / d) ** 2) - 1),
         Cauchy: d**2 / 2 * np.log1p((r / d) ** 2),
     }[type(loss)]
-    t = np.asarray(loss.root(jnp.asarray(r)))
+    root, influence = jax.jit(lambda r: loss.root(r)), jax.jit(lambda r: loss.influence(r))
+    t = np.asarray(root(r))
     np.testing.assert_allclose(t**2 / 2, rho, rtol=1e-9, atol=1e-16)
     np.testing.assert_array_equal(np.sign(t), np.sign(r))
-    slope, bend = loss.influence(jnp.asarray(r))
+    slope, bend = map(np.asarray, influence(r))
     h = 1e-6
-    numeric = np.diff([np.asarray(loss.root(jnp.asarray(r + s))) ** 2 / 2 for s in (-h, h)], axis=0)
+    numeric = np.diff([np.asarray(root(r + s)) ** 2 / 2 for s in (-h, h)], axis=0)
     np.testing.assert_allclose(slope, numeric[0] / (2 * h), atol=1e-6)
     inside = np.abs(r) < 1e-6
     np.testing.assert_allclose(bend[inside], 1.0, rtol=1e-9)
     if isinstance(loss, Huber):
         np.testing.assert_array_equal(t[np.abs(r) <= d], r[np.abs(r) <= d])
-    across = np.asarray(loss.influence(jnp.asarray([d * (1 - 1e-9), d * (1 + 1e-9)]))[0])
-    np.testing.assert_allclose(across[0], across[1], rtol=1e-8)
+    across = np.asarray(influence(np.where(r < 0, d * (1 - 1e-9), d * (1 + 1e-9)))[0])
+    np.testing.assert_allclose(across[0], across[-2], rtol=1e-8)

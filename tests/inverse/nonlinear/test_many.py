@@ -24,8 +24,9 @@ def data(frequencies, seed=3):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("linear", [(), ("a", "c")])
-@pytest.mark.parametrize("priors", [None, {"a": (1.0, 2.0), "w": (12.0, 3.0)}])
+@pytest.mark.parametrize(
+    ("priors", "linear"), [(None, ("a", "c")), ({"a": (1.0, 2.0), "w": (12.0, 3.0)}, ())]
+)
 def test_a_batch_has_the_fits_of_its_data(linear, priors):
     ys, options = data(np.linspace(11.0, 13.0, 11)), {"noise": NOISE, "linear": linear}
     options |= {"bounds": {"w": (11.5, 20.0)}, "priors": priors}

@@ -1,8 +1,9 @@
 """More, Garbow and Hillstrom's problems, from the standard starts and ten and a hundred times as
 far: the minima that they list are reached, and nothing else is called converged.
 
-Those here each time are the ones on which a search by Gauss and Newton's model alone crawls or
-cannot tell that it has arrived; the table beside scipy is that of `tests.claims.mgh`.
+Those of `make test-all` are the ones on which a search by Gauss and Newton's model alone crawls or
+cannot tell that it has arrived, and whose minimum is singular, badly scaled or at infinity; all are
+in `make claims`, and the table beside scipy is that of `tests.claims.mgh`.
 """
 
 from functools import cache
@@ -21,6 +22,8 @@ from tests.tiers import quick
 LARGE_RESIDUAL = ("brown_dennis", "penalty_1")
 RANK_DEFICIENT = ("freudenstein_roth", "jennrich_sampson", "chebyquad")  # of J in the minimum
 HARD = (*LARGE_RESIDUAL, *RANK_DEFICIENT)
+# Of the rest: a minimum at infinity, a singular one, bad scales, and a search that runs away.
+ODD = ("bard", "powell_singular", "powell_badly_scaled", "box", "biggs")
 MOST_STEPS = 200  # scipy's trf takes up to 119 over these
 # The linear model says little of Brown and Dennis' minimum, so that steps there are short.
 MOST_STEPS_OF = {"brown_dennis": 600}
@@ -89,8 +92,12 @@ def test_strongly_damped_steps_are_no_arrival():
     assert problem.minimum_at(2 * fit.stats["cost"]) is not None
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("name", BY_NAME)
+def tier_of(name):
+    """The mark of a problem's test."""
+    return pytest.mark.full if name in HARD + ODD else pytest.mark.claim
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=tier_of(name)) for name in BY_NAME])
 def test_converged_is_stationary(name):
     for fit, row in zip(*solved(name), strict=True):
         assert fit.converged or row["minimum"] not in FINITE, (row, fit.status)
@@ -98,7 +105,7 @@ def test_converged_is_stationary(name):
             assert_stationary(name, fit)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_minima_reached():
     rows = [row for name in BY_NAME for row in solved(name)[1]]
     assert summary(rows)["minima_reached"] >= LEAST_REACHED

@@ -77,40 +77,26 @@ def test_a_wide_valley_does_not_take_all_starts():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("solver", SOLVERS[1:], ids=lambda solver: solver.__name__)
-def test_same_minimum(solver):
-    first, fit = (srsinv.fit(model, START, Y, solver=s) for s in (None, solver()))
-    assert fit.converged, fit.status
-    assert fit.stats["solver"] == solver.name
-    for name in START:
-        np.testing.assert_allclose(
-            fit.value[name], first.value[name], atol=1e-3 * first.stderr[name]
-        )
-        np.testing.assert_allclose(fit.stderr[name], first.stderr[name], rtol=1e-3)
-
-
-@pytest.mark.full
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: solver.__name__)
-def test_too_few_steps(solver):
-    fit = srsinv.fit(model, START, Y, solver=solver(max_steps=2))
+def test_too_few_steps_and_no_finite_start(solver):
+    """By one compiled program; that the solvers reach the same minimum is in `test_bounds`."""
+    few = solver(max_steps=2)
+    fit = srsinv.fit(model, START, Y, solver=few)
     assert not fit.converged
     assert fit.status is Status.STEP_LIMIT
     assert "more steps" in fit.reasons[0]
+    assert_not_finite(srsinv.fit(model, START | {"k": -1e4}, Y, solver=few))
+
+
+def assert_not_finite(fit):
+    assert not fit.converged
+    assert fit.status.startswith("not finite")
+    assert np.isposinf(list(fit.stderr.values())).all()
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(
-    ("of", "start", "solver"),
-    [
-        *((lambda p: jnp.log(p["a"]) * X, -1.0, solver) for solver in SOLVERS),
-        (lambda p: jnp.exp(p["a"] * X), 800.0, Optimistix),
-    ],
-)
-def test_not_finite(of, start, solver):
-    fit = srsinv.fit(of, {"a": start}, Y, solver=solver())
-    assert not fit.converged
-    assert fit.status.startswith("not finite")
-    assert np.isposinf(fit.stderr["a"])
+def test_a_logarithm_of_what_is_negative_is_not_finite():
+    assert_not_finite(srsinv.fit(lambda p: jnp.log(p["a"]) * X, {"a": -1.0}, Y))
 
 
 def test_a_last_step_to_where_the_model_is_infinite_is_not_taken():
@@ -158,13 +144,11 @@ def test_saddle_beside_a_rank_that_is_lost_is_no_answer():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("tolerance", [1e-2, 1e-12])
-def test_tolerance(tolerance):
-    fit = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=tolerance))
+def test_a_looser_tolerance_is_kept_in_fewer_steps():
+    fit = srsinv.fit(model, START, Y, solver=Optimistix(tolerance=1e-2))
     best = srsinv.fit(model, START, Y)
-    away = np.max(np.abs(values(fit) - values(best)) / TRUTH)
-    assert away < tolerance + 1e-9
-    assert (fit.stats["iterations"] < best.stats["iterations"]) == (tolerance == 1e-2)
+    assert np.max(np.abs(values(fit) - values(best)) / TRUTH) < 1e-2
+    assert fit.stats["iterations"] < best.stats["iterations"]
 
 
 def test_bad_start_among_good_ones():
@@ -198,8 +182,9 @@ def test_units_change_nothing(unit, scales):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("linear", [(), ("a", "c")], ids=["searched", "solved"])
-def test_single_precision(linear):
+def test_single_precision_with_what_is_linear_solved_out():
+    """A search of all parameters in single precision is in `tests.stability.test_fit`."""
+    linear = ("a", "c")
     double = srsinv.fit(model, START, Y, linear=linear)
     x = X.copy()  # jax remembers a numpy constant in the precision in which it met it first
 
