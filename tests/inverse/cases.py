@@ -57,6 +57,17 @@ def _operator(line, sensor, scan):
     return sensor.operator(line, scan)
 
 
+def signals_along(sensor, line, motion, traction, directions=None) -> np.ndarray:
+    """The recorded signals (e, sample) of traction along a motion, by one compiled program;
+    `directions`: those of the motion, where it is not concrete itself."""
+    return np.asarray(_signals(sensor, line, motion, traction, directions or motion.directions))
+
+
+@eqx.filter_jit
+def _signals(sensor, line, motion, traction, directions):
+    return sensor.operator_along(line, motion, directions=directions)(jnp.asarray(traction))
+
+
 def bumps(line, background_Pa=0.0, friction=None) -> np.ndarray:
     """Traction (2, n) [Pa]: a bump of p, and of q beside it unless friction says q = mu p."""
     x = np.asarray(line.x)

@@ -22,7 +22,7 @@ from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from srsinv.recorded import motion_of, sensor_of
 from srsinv.recording import Recording
-from tests.inverse.cases import make_case
+from tests.inverse.cases import make_case, signals_along
 
 SENSOR = Sensor([Film(angle_rad=angle) for angle in (0.0, np.pi / 2)])
 SAMPLES, SPEED = 240, 0.05
@@ -53,7 +53,7 @@ def strip_problem(name="steady", **known) -> Problem:
     motion = Motion.from_speed(TIME, speed, -np.sign(speed[0]) * 6e-3)
     line = Open(3000, 1e-5, -1.5e-2)
     traction = strip(line) * np.array([[1.0], [np.sign(speed[0])]])
-    signal = np.array(SENSOR.operator_along(line, motion)(jnp.asarray(traction)))
+    signal = np.array(signals_along(SENSOR, line, motion, traction))
     signal += NOISE * np.random.default_rng(3).normal(size=signal.shape)
     signal[0, 31] = np.nan
     return Problem(SENSOR, motion, signal, NOISE, **known)
@@ -144,7 +144,7 @@ def test_an_average_has_the_error_that_the_covariance_gives(kind, shape):
     hidden = np.asarray(estimate.mean_weights)[0]
     off = weights - weights.sum(axis=1, keepdims=True) * hidden
     moved = estimate.on(wide)
-    np.testing.assert_allclose(moved.stderr[0], np.sqrt(np.einsum("ij,jk,ik->i", off, dense, off)))
+    np.testing.assert_allclose(moved.stderr[0], np.sqrt(np.sum(off @ dense * off, axis=1)))
     np.testing.assert_allclose(moved.value, estimate.value @ weights.T)
     np.testing.assert_allclose(weights.sum(axis=1), 1.0)
     assert np.all(moved.stderr[0] < 1.05 * np.max(estimate.stderr[0]))
@@ -214,8 +214,7 @@ def test_a_sidecars_elements_are_where_it_says():
     time_s = np.arange(400) / 1000
     given = Recording(np.zeros((2, 400)), time_s, 0.03 + 0 * time_s, ("a", "b"), sidecar)
     sensor, line = sensor_of(given), Open(400, 5e-5, -4e-3)
-    traction = jnp.asarray(strip(line))
-    signals = np.asarray(sensor.operator_along(line, motion_of(given))(traction))
+    signals = signals_along(sensor, line, motion_of(given), strip(line))
     shifted = np.interp(0.03 * time_s + 1.5e-3, 0.03 * time_s, signals[0])
     inside = 0.03 * time_s < 0.03 * time_s[-1] - 1.5e-3
     np.testing.assert_allclose(

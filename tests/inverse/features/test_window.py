@@ -1,6 +1,5 @@
 """Features fitted to long recordings: in the stretch where the signal is."""
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
@@ -14,7 +13,7 @@ from srsinv.grid import Open
 from srsinv.inverse.features import FeatureFit, FeatureFitter
 from srsinv.inverse.features.window import stretch_of
 from srsinv.inverse.problem import Problem
-from tests.inverse.cases import DEPTH_M
+from tests.inverse.cases import DEPTH_M, signals_along
 
 SPEED_M_PER_S, A_DEPTH = 0.05, 4  # samples
 FEATURES = {"line": LineFeature()}
@@ -32,8 +31,7 @@ def recording(depths, places=(0.6,), loads=(8.0,), noise=0.02):
         load * np.asarray(LineLoad(1.0, place * x[-1]).cell_values(line))
         for load, place in zip(loads, places, strict=True)
     )
-    operator = sensor.operator_along(line, motion, directions=motion.directions)
-    clean = np.asarray(operator(jnp.stack([p, 0.4 * p])))
+    clean = signals_along(sensor, line, motion, np.stack([p, 0.4 * p]))
     level = noise * np.abs(clean).max()
     drawn = level * np.random.default_rng(0).normal(size=clean.shape)
     return Problem(sensor, motion, clean + drawn, level)

@@ -26,6 +26,7 @@ from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.wiener import Exponential, Wiener
 from srsinv.recording.passes import passes_of
+from tests.inverse.cases import signals_along
 
 DEPTH_M, MU = 7.5e-4, 0.5
 LINE = Periodic(512, 0.03 / 512, -0.015)
@@ -94,9 +95,14 @@ def test_a_blur_that_no_theory_has_is_in_the_errors_of_its_parameters(fitted):
         assert abs(value - truth) < 3 * error, name
 
 
+@pytest.fixture(scope="module")
+def rough():
+    """Measured in ten times the noise."""
+    return measure_kernel(passes(level=1e-2), STATED, LOAD, MU)
+
+
 @pytest.mark.full
-def test_less_noise_is_a_better_kernel(measured):
-    rough = measure_kernel(passes(level=1e-2), STATED, LOAD, MU)
+def test_less_noise_is_a_better_kernel(measured, rough):
     truth = of(TRUE, measured)
     better = slope_error(measured.value, truth) / slope_error(rough.value, truth)
     assert 0.05 < better < 0.5  # noise falls to a tenth, and more short waves are seen
@@ -114,7 +120,7 @@ def test_parameters_are_those_of_the_true_sensor_where_nothing_else_is_wrong():
 
 
 @pytest.mark.full
-def test_one_way_measures_one_combination():
+def test_one_way_measures_one_combination(measured):
     """K_p + mu K_q at the passes' mu, and warns that neither is known alone."""
     kernel = measure_kernel(passes(directions=1), STATED, LOAD, MU)
     (warning,) = kernel.warnings
@@ -124,7 +130,7 @@ def test_one_way_measures_one_combination():
     both = kernel.value[:, 0] + MU * kernel.value[:, 1]
     assert slope_error(both, truth[:, 0] + MU * truth[:, 1]) < 0.01
     assert slope_error(kernel.value, truth) > 0.05
-    assert np.max(kernel.stderr) > 20 * np.max(measure_kernel(passes(), STATED, LOAD, MU).stderr)
+    assert np.max(kernel.stderr) > 20 * np.max(measured.stderr)
 
 
 @pytest.mark.full
@@ -380,9 +386,8 @@ def repeated():
     at = np.arange(8 * PER_PASS)
     speed = np.where((at // PER_PASS) % 2 == 0, 0.05, -0.05)
     motion = Motion.from_speed(at / 2000, speed, -1e-2)
-    operator = sensor.operator_along(ON_LINE, motion, directions=motion.directions)
     both = np.stack([np.stack([RIDGE, sign * MU * RIDGE]) for sign in (1, -1)])
-    return sensor, motion, np.asarray(operator(jnp.asarray(both)))
+    return sensor, motion, signals_along(sensor, ON_LINE, motion, both)
 
 
 def at_gains(repeated, gains, seed=0, level=0.05):
@@ -443,8 +448,13 @@ def test_gains_of_single_passes_are_not_known(repeated):
     assert not found.of_means.any()
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("spread", [0.0, 0.03, 0.1])
+@pytest.mark.parametrize(
+    "spread",
+    [
+        pytest.param(0.1, marks=pytest.mark.full),
+        *(pytest.param(each, marks=pytest.mark.claim) for each in (0.0, 0.03)),
+    ],
+)
 def test_bands_cover_the_gain_over_draws(repeated, spread):
     """90 % bands of the gain of the kernel of p, of 20 draws of noise and gains: of a binomial
     distribution all but 1 in 100 lies at 15 and above."""
@@ -467,9 +477,8 @@ def recording(sensor, seed=0, level=1e-3):
     motion = Motion.from_speed(time_s, speed, -7.5e-3)
     line = Open(800, 2.5e-5, -0.01)
     load = np.where(np.abs(np.asarray(line.x)) < 2e-4, 1e4, 0.0)
-    operator = sensor.operator_along(line, motion, directions=motion.directions)
     both = np.stack([np.stack([load, sign * MU * load]) for sign in (1, -1)])
-    clean = np.asarray(operator(jnp.asarray(both)))
+    clean = signals_along(sensor, line, motion, both)
     rms = level * np.sqrt(np.mean(clean**2))
     noisy = clean + rms * np.random.default_rng(seed).normal(size=clean.shape)
     return Problem(STATED, motion, noisy, rms), line, load
@@ -487,10 +496,9 @@ def test_passes_of_a_recording_that_turns():
 
 
 @pytest.mark.full
-def test_it_says_so_where_it_leaves_more_than_noise(tmp_path):
-    good = measure_kernel(passes(level=1e-2), STATED, LOAD, MU)
-    assert good.warnings == ()
-    assert abs(good.chi2_per_freedom - 1) < 0.2
+def test_it_says_so_where_it_leaves_more_than_noise(rough, tmp_path):
+    assert rough.warnings == ()
+    assert abs(rough.chi2_per_freedom - 1) < 0.2
     kernel = measure_kernel(passes(level=3e-3, noisier=3.0), STATED, LOAD, MU)
     assert 6 < kernel.chi2_per_freedom < 12
     (tmp_path / "kernel.nc").write_bytes(as_netcdf(kernel))
@@ -499,7 +507,7 @@ def test_it_says_so_where_it_leaves_more_than_noise(tmp_path):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("level", "names"), [(1e-6, ()), (1e-12, ()), (1e-12, None)])
+@pytest.mark.parametrize(("level", "names"), [(1e-6, ()), (1e-12, None)])
 def test_signals_with_hardly_any_noise_are_no_error(level, names):
     """What rounding and the far field's model leave is then far above it: the kernel says so."""
     kernel = measure_kernel(passes(level=level), STATED, LOAD, MU, names)
@@ -531,7 +539,7 @@ def test_a_file_holds_all_of_it(measured, tmp_path):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["kernel_C_m_per_N", "far_field", "depth_m", "lag_m"])
+@pytest.mark.parametrize("name", ["kernel_C_m_per_N", "depth_m"])
 def test_a_damaged_file_is_refused(measured, tmp_path, name):
     import io
 
@@ -552,9 +560,7 @@ def test_a_damaged_file_is_refused(measured, tmp_path, name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(
-    ("name", "factor"), [("depth_m", 1e-12), ("depth_m", 1e-300), ("lag_m", 1e9), ("lag_m", 1e300)]
-)
+@pytest.mark.parametrize(("name", "factor"), [("depth_m", 1e-12), ("lag_m", 1e300)])
 def test_a_file_of_more_lags_than_it_holds_makes_none(measured, tmp_path, name, factor):
     """How many there would be is in no array's size before it is checked."""
     import io

@@ -8,14 +8,14 @@ from srsinv.forward.film import Film, Offset
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
-from srsinv.grid import Open, as_real
+from srsinv.grid import Open
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.line.rig_bands import MOST_DIRECTIONS, fewer_directions
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.error import RigError
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.claims.rig_bands import drawn
-from tests.tiers import quick
+from tests.inverse.cases import signals_along
 
 NOISE_V, DEPTH_M, FRICTION, CELL_M = 3e-8, 7.5e-4, 0.4, 2e-4
 LINE = Open(2000, 1e-5, -1e-2)
@@ -34,7 +34,7 @@ def sensor(depth_m=DEPTH_M, angle_deg=90.0, offset_m=0.0, count=2) -> Sensor:
 def signal(made: Sensor, motion=SCAN, p=STRIP) -> np.ndarray:
     directions = [np.stack([p, sign * FRICTION * p]) for sign in (1, -1)]
     traction = np.stack(directions) if len(motion.directions) > 1 else directions[0]
-    return np.asarray(made.operator_along(LINE, motion)(as_real(traction)))
+    return signals_along(made, LINE, motion, traction)
 
 
 def problem(y, rig=None, motion=SCAN, friction=None, count=2) -> Problem:
@@ -77,12 +77,8 @@ def moved(name: str, by: float, motion) -> np.ndarray:
     return signal(sensor(**{name.replace("_2", ""): own}), motion)
 
 
-@pytest.mark.parametrize(
-    ("name", "motion"),
-    quick([(name, each) for name in MOVES for each in (SCAN, THERE_AND_BACK)],
-          ("angle_2_deg", THERE_AND_BACK)),
-)  # fmt: skip
 @pytest.mark.full
+@pytest.mark.parametrize(("name", "motion"), [*zip(MOVES, 2 * (THERE_AND_BACK, SCAN), strict=True)])
 def test_errors_are_what_a_rig_that_is_off_makes(name, motion):
     value = {"gain_1": 1.0, "depth_m": DEPTH_M, "angle_2_deg": 90.0, "offset_2_m": 0.0}[name]
     rig = RigError((name,), np.array([value]), np.array([[MOVES[name] ** 2]]))

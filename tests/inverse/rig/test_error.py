@@ -11,10 +11,11 @@ from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
-from srsinv.grid import Open, as_real
+from srsinv.grid import Open
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.error import RigError
+from tests.inverse.cases import signals_along
 from tests.tiers import quick
 
 NOISE_V, DEPTH_M = 3e-8, 7.5e-4
@@ -29,8 +30,7 @@ def sensor(depth_m=DEPTH_M, angle_deg=90.0) -> Sensor:
 def clean(made=None) -> np.ndarray:
     line = Open(3000, 1e-5, -1.5e-2)
     p = np.asarray(UniformStrip(4e3, 3e-3, 4e-4).cell_average(line))
-    operator = (made or sensor()).operator_along(line, MOTION)
-    return np.asarray(operator(as_real(np.stack([p, 0.4 * p]))))
+    return signals_along(made or sensor(), line, MOTION, np.stack([p, 0.4 * p]))
 
 
 def signal() -> np.ndarray:
@@ -48,10 +48,15 @@ def error_of(**stderr) -> RigError:
     return RigError(tuple(stderr), values, np.diag(np.square(list(stderr.values()))))
 
 
+@pytest.fixture(scope="module")
+def exact():
+    """The fit of a rig that is known."""
+    return fitted()
+
+
 @pytest.mark.full
-def test_the_error_of_a_common_gain_is_that_of_the_pressure():
+def test_the_error_of_a_common_gain_is_that_of_the_pressure(exact):
     """Both gains wrong by the same 2 %: the pressure is, and nothing else."""
-    exact = fitted()
     rig = RigError(("gain_1", "gain_2"), np.ones(2), 4e-4 * np.full((2, 2), 1.0))
     carried = fitted(rig)
     own, more = exact.parameters, carried.parameters
@@ -69,10 +74,10 @@ def test_the_error_of_a_common_gain_is_that_of_the_pressure():
     ("name", "stderr"),
     quick([("depth_m", 1e-5), ("angle_2_deg", 1.0), ("offset_2_m", 2e-5)], ("depth_m", 1e-5)),
 )
-def test_errors_are_those_of_generalised_least_squares(name, stderr):
+def test_errors_are_those_of_generalised_least_squares(exact, name, stderr):
     """With the rig's error D in the noise's covariance, (J^T (1 + D D^T)^-1 J)^-1: what the data
     themselves say of the rig is in it."""
-    carried, exact = fitted(error_of(**{name: stderr})), fitted()
+    carried = fitted(error_of(**{name: stderr}))
     moved = {
         "depth_m": lambda by: sensor(DEPTH_M + by),
         "angle_2_deg": lambda by: sensor(angle_deg=90.0 + by),
