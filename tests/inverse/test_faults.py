@@ -24,7 +24,7 @@ def test_a_fault_is_said(fault, method, words):
     assert row["quality"] != "good"
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_nothing_is_said_of_a_clean_scan():
     row = measured("none", "wiener, friction known")
     assert (row["warnings"], row["quality"], row["rejected"]) == ([], "good", False)

@@ -78,6 +78,11 @@ def test_every_method_takes_it_and_says_on_which_line_its_answer_is(name):
         assert np.linalg.norm(error) < 0.2 * np.linalg.norm(truth)
         assert np.all(stderr >= 0)
     assert abs(own.parameters["friction"][0] - MU) < 4 * own.parameters["friction"][1]
+    # A feature is averaged exactly on any line.
+    found, wide = {k: v for k, (v, _) in own.parameters.items()}, Open(7, 1.7e-3, -6e-3)
+    strip_found = UniformStrip(found["pressure_Pa"], found["width_m"], found["position_m"])
+    p = strip_found.cell_average(wide)
+    np.testing.assert_allclose(own.on(wide).value, np.stack([p, found["friction"] * p]), atol=1e-9)
 
 
 def test_its_operator_gives_the_signal_and_has_an_adjoint():
@@ -162,16 +167,6 @@ def test_beyond_its_line_an_estimate_knows_nothing():
     line = dataclasses.replace(estimate.line, start_m=estimate.line.start_m + 1e-3)
     assert np.isnan(estimate.on(line).value[:, -1]).all()
     assert np.isfinite(estimate.on(line).value[:, 0]).all()
-
-
-@pytest.mark.full
-def test_a_feature_is_averaged_exactly_on_any_line():
-    estimate = METHODS["features"](strip_problem())
-    own, line = {k: v for k, (v, _) in estimate.parameters.items()}, Open(7, 1.7e-3, -6e-3)
-    p = UniformStrip(own["pressure_Pa"], own["width_m"], own["position_m"]).cell_average(line)
-    np.testing.assert_allclose(
-        estimate.on(line).value, np.stack([p, own["friction"] * p]), atol=1e-9
-    )
 
 
 # --- a method of one's own ---------------------------------------------------------------------

@@ -24,7 +24,7 @@ def test_hum_costs_less_than_a_tenth(motion):
             assert rows["untreated"]["over_clean"][0] > 2
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_drift_that_is_stated_costs_what_the_exact_posterior_says():
     rows = disturbances.measured("drift", "one pass, 20 mm/s", 0.1, (20, 0, 2))["weights held"]
     assert is_at_most(rows["stated"]["over_exact_of_same_draws"], 1.05)

@@ -245,21 +245,33 @@ def test_steps_hardly_grow_with_the_line(missing, weight):
     assert long <= max(1.2 * short, 10)
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("missing", ["scattered", pytest.param("runs", marks=pytest.mark.claim)])
-@pytest.mark.parametrize(
-    "rule",
-    [
-        pytest.param(GeneralisedCrossValidation(), id="gcv"),
-        pytest.param(Evidence(), id="evidence", marks=pytest.mark.claim),
-    ],
-)
+RULES = {"gcv": GeneralisedCrossValidation(), "evidence": Evidence()}
+
+
+@pytest.mark.claim
+@pytest.mark.parametrize("missing", ["scattered", "runs"])
+@pytest.mark.parametrize("rule", RULES)
 def test_a_rule_chooses_as_on_the_direct_path(rule, missing):
+    assert_chosen_alike(RULES[rule], recorded(400, missing))
+
+
+@pytest.mark.full
+def test_a_rule_chooses_one_weight_as_on_the_direct_path():
+    """Where friction is known: of two weights it scans a plane."""
+    known = {"friction": 0.3, "observed": gaps(240)}
+    assert_chosen_alike(
+        RULES["gcv"], make_case("open", n=240, noise_fraction=2e-2, **known).problem
+    )
+
+
+def assert_chosen_alike(rule, problem):
     """To a step of its finest grid, for the scores are those of the nearest periodic problem."""
-    problem = recorded(400, missing)
+    names = [f"weight_{component}_per_Pa2" for component in "pq"[: problem.unknowns]]
     chosen = [
-        np.log10([e.stats["weight_p_per_Pa2"], e.stats["weight_q_per_Pa2"]])
-        for e in (Tikhonov(1, rule=rule, path=path)(problem) for path in ("direct", "iterative"))
+        np.log10([estimate.stats[name] for name in names])
+        for estimate in (
+            Tikhonov(1, rule=rule, path=path)(problem) for path in ("direct", "iterative")
+        )
     ]
     np.testing.assert_allclose(*chosen, atol=0.15)
 

@@ -157,10 +157,8 @@ def test_drift_costs_no_more_than_the_exact_floor(reach, offset):
     assert 0.999 < ratio < 1.05
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(
-    "size", [1.0, *(pytest.param(each, marks=pytest.mark.claim) for each in (0.1, 10.0))]
-)
+@pytest.mark.claim
+@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
 def test_hum_costs_hardly_any_information(size):
     """The floor with the waves that hum is taken for, beside that without, and the error of what
     the waves do not span."""
