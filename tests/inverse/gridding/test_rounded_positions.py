@@ -55,7 +55,7 @@ def test_a_place_is_known_to_the_steps_of_the_positions():
     assert (rounded.quality, exact.quality) == ("good", "good")
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_errors_hold_what_steps_leave_uncertain():
     scores = []
     for seed in range(1, 5):

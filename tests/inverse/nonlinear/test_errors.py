@@ -44,8 +44,13 @@ NOISES = {
 }
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("name", NOISES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param("white", marks=pytest.mark.claim),
+        *(pytest.param(each, marks=pytest.mark.full) for each in ("unknown_level", "spectrum")),
+    ],
+)
 def test_spread(name):
     noise, covariance = NOISES[name]
     ys, linear = draws(covariance), ("a", "c")
