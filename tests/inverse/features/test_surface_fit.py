@@ -249,10 +249,10 @@ FOLLOWS = ("motion", "edge")
 
 
 def taped(follows):
-    """A tape felt both ways, in noise of 0.26 of the signal, which is known; the fits of one whose
+    """A tape felt both ways, in noise of 0.13 of the signal, which is known; the fits of one whose
     grip follows this, and of the other."""
-    speed = np.repeat([0.0, 0.03, -0.03, 0.0], [2400, 1200, 1200, 2400])
-    both = Motion.from_speed(np.arange(speed.size) / 6000, speed, -0.003)
+    speed = np.repeat([0.0, 0.03, -0.03, 0.0], [600, 300, 300, 600])
+    both = Motion.from_speed(np.arange(speed.size) / 1500, speed, -0.003)
     near = {"height_range_m": [3e-5, 7e-5], "width_range_m": [2.5e-3, 3.5e-3]}
     near |= {"position_range_m": [-5e-4, 5e-4]}
     true, wrong = (
@@ -260,7 +260,7 @@ def taped(follows):
         for each in (follows, *({*FOLLOWS} - {follows}))
     )
     clean = np.asarray(fine(true, both)(tree(TAPE | {"trailing_edge_friction": 0.6}, 0.35)))
-    rms = 0.26 * np.sqrt(np.mean(clean**2))
+    rms = 0.13 * np.sqrt(np.mean(clean**2))
     y = clean + rms * np.random.default_rng(3).normal(size=clean.shape)
     return (partial(fitter(each, both), {"it": each}, y, rms) for each in (true, wrong))
 
@@ -277,8 +277,8 @@ def test_a_tape_is_good_where_its_grip_is_assumed_at_the_right_edge(follows):
 @pytest.mark.parametrize(
     "follows",
     [
-        pytest.param("motion", marks=pytest.mark.full),
-        pytest.param("edge", marks=pytest.mark.claim),
+        pytest.param("motion", marks=pytest.mark.claim),
+        pytest.param("edge", marks=pytest.mark.full),
     ],
 )
 def test_a_tape_says_where_its_grip_is_assumed_at_the_wrong_edge(follows):
