@@ -274,13 +274,8 @@ def test_a_tape_is_good_where_its_grip_is_assumed_at_the_right_edge(follows):
     assert abs(right.parameters["leading_edge_friction"][0] - 1.1) < 0.1
 
 
-@pytest.mark.parametrize(
-    "follows",
-    [
-        pytest.param("motion", marks=pytest.mark.claim),
-        pytest.param("edge", marks=pytest.mark.full),
-    ],
-)
+@pytest.mark.claim
+@pytest.mark.parametrize("follows", FOLLOWS)
 def test_a_tape_says_where_its_grip_is_assumed_at_the_wrong_edge(follows):
     _, fit = taped(follows)
     other = fit()

@@ -69,7 +69,7 @@ def test_intervals_of_random_rigs_cover(rigs, snr_db):
         assert abs(np.sum(own)) < norm.isf(FALSE_ALARM / 2) * np.sqrt(rigs), name
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_errors_of_a_ridge_hold_what_its_cells_are_off():
     """Half as wide cells move it by most of that: at 80 dB beyond the errors of the noise."""
     rig, clean = recorded(2)
