@@ -66,7 +66,7 @@ def test_every_module_has_its_configuration():
     assert files == {*NAMES, "auto"}
 
 
-@pytest.mark.claim
+@pytest.mark.full
 def test_no_other_module_is_imported():
     script = (
         "import sys; from srsinv.targets import make\n"
