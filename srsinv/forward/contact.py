@@ -87,12 +87,12 @@ class Contact(eqx.Module):
         return tuple(messages)
 
     @property
-    def touching(self) -> Bool[Array, " n"]:
+    def touching(self) -> Bool[Array | np.ndarray, " n"]:
         """Contact mask."""
         return self.pressure_Pa > 0
 
     @property
-    def converged(self) -> Bool[Array, ""]:
+    def converged(self) -> Bool[Array | np.ndarray | np.bool_, ""]:
         """Whether the residual is as small as it has to be."""
         return self.residual <= self.tolerance
 
