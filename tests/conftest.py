@@ -7,6 +7,7 @@ works on each module of the package as that is imported.
 
 import gc
 import os
+import sys
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,6 +20,9 @@ from jaxtyping import install_import_hook
 import tests.tower  # noqa: F401  looked up by its name
 from srsinv.command.compilation_cache import machine_kind
 
+# What Python translates one time serves the other processes too, of commands that tests run.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 # Compiling is most of the tests' time, and small sizes gain nothing from the last optimisations.
 QUICK_TO_COMPILE = (
     "--xla_llvm_disable_expensive_passes=true",

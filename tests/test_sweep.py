@@ -212,9 +212,8 @@ class TestMissing:
 @pytest.mark.full
 class TestLaunchers:
     # By submitit it has closed pytest's own streams when other tests ran before it.
-    @pytest.mark.parametrize(
-        "launcher", ["joblib", pytest.param("submitit_local", marks=pytest.mark.claim)]
-    )
+    @pytest.mark.claim
+    @pytest.mark.parametrize("launcher", ["joblib", "submitit_local"])
     def test_a_job_that_dies_does_not_lose_the_others(self, run, monkeypatch, launcher):
         needs(launcher)
         monkeypatch.delenv("NPROC", raising=False)

@@ -13,7 +13,7 @@ from tests.jobs.run import ROOT, command, outcome, short_form, short_run
 
 FORMS = ("calibrate",)
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, claims=FORMS)
 
 EXAMPLE = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
 HOLD = "fit.hold={width_m:0.0038,pressure_Pa:6000}"

@@ -141,7 +141,7 @@ def test_many_signals_and_gaps_are_drawn_in_part():
 @pytest.mark.full
 def test_an_inspection_of_such_names(tmp_path):
     """Page, numbers, arrays and sidecar hold them all; the page as text, not as marks."""
-    names = [r"$\frac{", "<b>bold</b>", "\u200fabc", "温$", "n" * 200]
+    names = [r"$\frac{", "<b>bold</b>", "\u200f温$" + "n" * 190]
     table = columns(voltage_0_V=None, voltage_1_V=None)
     rng = np.random.default_rng(0)
     table |= {f'"{name}"': rng.normal(size=N) for name in names}
