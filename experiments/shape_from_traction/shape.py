@@ -33,7 +33,7 @@ def shape_under(
 
 
 def shape_band(
-    line: Line, skin: Skin, estimate: Estimate, touching: Bool[Array, " n"]
+    line: Line, skin: Skin, estimate: Estimate, touching: Bool[Array | np.ndarray, " n"]
 ) -> tuple[Float[Array, " n"], Float[Array, " n"]]:
     """The displacement [m] under the estimate's p, less its mean over the cells in contact, and its
     standard error.
