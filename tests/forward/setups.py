@@ -1,9 +1,12 @@
 """Sensors, lines and fitted orders that several test files share."""
 
 import equinox as eqx
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
+from srsinv.forward.contact import Contact, press
 from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
@@ -28,6 +31,34 @@ LINES = {
 def apply(line, stage, r):
     """The stage's signals under the traction r (2, n)."""
     return line.operator(stage)(r)
+
+
+_pressed = eqx.filter_jit(press)
+
+
+def solve_contact(line, skin, height, nominal) -> Contact:
+    """`press`, compiled once for all loads on lines of one length, with arrays of numpy."""
+    return jax.device_get(_pressed(line, skin, height, jnp.asarray(nominal)))
+
+
+@eqx.filter_jit
+def _height(shape, line):
+    return shape.height(line)
+
+
+def height_of(shape, line) -> np.ndarray:
+    """The shape's height [m] at the cells (n,), compiled once for all of its kind."""
+    return np.asarray(_height(shape, line))
+
+
+def derivatives(function, at):
+    """The function's value at a point (m,), and its derivatives (..., m) forward and in reverse;
+    the function is traced once for all of them."""
+    value, push = jax.linearize(function, at)
+    pull = jax.linear_transpose(push, at)
+    forward = jax.vmap(push, out_axes=-1)(jnp.eye(at.size))
+    each = jnp.eye(value.size).reshape(-1, *value.shape)
+    return value, forward, jax.vmap(pull)(each)[0].reshape(forward.shape)
 
 
 def full_sensor(amplifier=None) -> Sensor:

@@ -13,27 +13,14 @@ from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface import Cylinder, Ridge, Rough, SineWave, Surface, Tape
 from srsinv.grid import Periodic
+from tests.forward.setups import height_of, solve_contact
 from tests.reference import contacts
 from tests.refusals import refused
+from tests.tiers import rare
 
 LENGTH = 0.02
 SKIN = HalfSpace()
 MODULUS = 7e5 / 0.75
-_compiled = eqx.filter_jit(press)
-
-
-def solve_contact(line, skin, height, nominal) -> Contact:
-    """`press`, compiled once for all loads on lines of one length, with arrays of numpy."""
-    return jax.device_get(_compiled(line, skin, height, jnp.asarray(nominal)))
-
-
-@eqx.filter_jit
-def _height(shape, line):
-    return shape.height(line)
-
-
-def height_of(shape, line) -> np.ndarray:
-    return np.asarray(_height(shape, line))
 
 
 def window(n, length=LENGTH, shift=0.0):
@@ -80,7 +67,7 @@ def westergaard_error(n, load_fraction, shift):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("load_fraction", [pytest.param(0.1, marks=pytest.mark.claim), 0.5])
+@pytest.mark.parametrize("load_fraction", rare([0.1, 0.5], 0.1))
 def test_westergaard_at_every_place_within_a_cell(load_fraction):
     sizes = {1024: 1.1e-3, 4096: 2.6e-4, 16384: 7e-5}
     errors = [
@@ -91,7 +78,7 @@ def test_westergaard_at_every_place_within_a_cell(load_fraction):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("load_fraction", [0.1, pytest.param(0.5, marks=pytest.mark.claim)])
+@pytest.mark.parametrize("load_fraction", rare([0.1, 0.5], 0.5))
 def test_westergaard_converges_at_first_order(load_fraction):
     """As the edge of contact is known to a cell: in the root mean square over places within one,
     which so few places tell to some per cent."""
@@ -119,7 +106,7 @@ def test_narrow_cells_take_hardly_more_steps():
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.claim)])
+@pytest.mark.parametrize("seed", rare([1, 2], 2))
 def test_many_small_contacts_take_few_steps(seed):
     line = window(8192)
     height = height_of(Rough(5e-6, 5e-3, 2e-5, 0.8, seed), line)

@@ -15,6 +15,7 @@ from srsinv.forward.surface import Cylinder, Ridge, Rough
 from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from tests.refusals import refused
+from tests.tiers import rare
 
 LENGTH_M, N = 0.02, 256
 LINE = Periodic(N, LENGTH_M / N, -LENGTH_M / 2)
@@ -76,9 +77,7 @@ def alone(wake_m):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(
-    "wake_m", [*(pytest.param(wake_m, marks=pytest.mark.claim) for wake_m in (0.002, 0.008)), 0.032]
-)
+@pytest.mark.parametrize("wake_m", rare([0.002, 0.008, 0.032], 0.002, 0.008))
 def test_a_cylinder_that_stands_alone(wake_m):
     """Wakes of a tenth of the window to half as long again."""
     reference = alone(wake_m)

@@ -1,5 +1,7 @@
 """Load drift: the signal against (1 + d) Q differentiated by itself, and its gradients."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -15,6 +17,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.speed_profile import RippleProfile, StandstillProfile, paced
 from srsinv.grid import Periodic
+from tests.forward.setups import derivatives
 from tests.refusals import refused
 
 OHM = 2e6
@@ -117,11 +120,7 @@ def test_gradients_are_those_of_differences(along):
         drift = SinusoidalLoad(*values)
         return jnp.sum(jnp.sin(drift(time, rate, charge) / scale))
 
-    @jax.jit
-    def all_of(values):
-        value, push = jax.linearize(total, values)
-        return value, jax.vmap(push)(jnp.eye(3)), jax.linear_transpose(push, values)(1.0)[0]
-
+    all_of = jax.jit(partial(derivatives, total))
     values, steps = np.array([0.3, 0.17, 0.8]), 1e-6 * np.eye(3)
     _, forward, reverse = all_of(values)
     moved = [float(all_of(values + step)[0] - all_of(values - step)[0]) for step in steps]

@@ -1,5 +1,7 @@
 """Filters in time: against closed forms and scipy, along the line and along a motion."""
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -16,7 +18,7 @@ from srsinv.forward.operator import PositionInterpolation
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic, as_real
-from tests.forward.setups import fitted_order, largest_error
+from tests.forward.setups import derivatives, fitted_order, largest_error
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -325,13 +327,7 @@ def test_gradients(kind):
         signals = (*steady, sensor(*filters).operator_along(line, moving)(r))
         return 1e5 * jnp.stack([jnp.sum(signal * weights) for signal in signals])
 
-    @jax.jit
-    def all_of(theta):
-        """The numbers, and their derivatives forward and in reverse, traced once."""
-        value, push = jax.linearize(numbers, theta)
-        pull = jax.linear_transpose(push, theta)
-        return value, jax.vmap(push)(jnp.eye(4)).T, jax.vmap(pull)(jnp.eye(3))[0]
-
+    all_of = jax.jit(partial(derivatives, numbers))
     step = 2e-3
     at = np.ones(4) + step * np.asarray([-2.0, -1, 1, 2])[:, None, None] * np.eye(4)
     by_reach = np.stack([[all_of(theta)[0] for theta in each] for each in at])

@@ -19,6 +19,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.traction import FrictionStep, PressedStrip
 from srsinv.grid import Open, Periodic
+from tests.forward.setups import derivatives
 from tests.tiers import quick
 
 N = 32
@@ -87,13 +88,9 @@ def gradients(line):
     values = jax.jit(jax.vmap(lambda theta: number(line, theta)))
     by_reach = np.asarray(values(jnp.asarray(at.reshape(-1, THETA.size)))).reshape(4, -1)
 
-    def both(theta):
-        push = jax.linearize(partial(number, line), theta)[1]
-        (pulled,) = jax.linear_transpose(push, theta)(1.0)
-        return jax.vmap(push)(eye), pulled
-
     others = np.stack([1.01 * THETA, THETA, 0.98 * THETA])
-    forward, reverse = (np.asarray(each)[1] for each in jax.jit(jax.vmap(both))(others))
+    every = jax.jit(jax.vmap(partial(derivatives, partial(number, line))))(others)
+    _, forward, reverse = (np.asarray(each)[1] for each in every)
     return {
         "difference": np.array([1, -8, 8, -1]) @ by_reach / (12 * step),
         "forward": forward,

@@ -4,6 +4,8 @@ The reference knows nothing of lines, transfers or u Q': it is the closed-form c
 x(t + j tau), differentiated by central differences of eighth order over a short time tau.
 """
 
+from functools import partial
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -22,7 +24,7 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Open, Periodic, as_real
-from tests.forward.setups import AMPLIFIERS, fitted_order, full_sensor, largest_error
+from tests.forward.setups import AMPLIFIERS, derivatives, fitted_order, full_sensor, largest_error
 from tests.reference import closed_forms as cf
 from tests.refusals import refused
 from tests.tiers import quick
@@ -315,11 +317,8 @@ def test_gradients_in_position_and_speed(kind):
     difference = np.array([1, -8, 8, -1]) @ values.reshape(4, 12) / (12 * step)
     standstill = np.where(np.arange(12) == 7, -1.0, 0.0)
 
-    def both(theta):
-        push = jax.linearize(number, theta)[1]
-        return jax.vmap(push)(jnp.eye(12)), jax.linear_transpose(push, theta)(1.0)[0]
-
-    for gradient, still in map(np.asarray, jax.jit(jax.vmap(both))(np.stack([origin, standstill]))):
+    every = jax.jit(jax.vmap(partial(derivatives, number)))(np.stack([origin, standstill]))
+    for gradient, still in map(np.asarray, every[1:]):
         np.testing.assert_allclose(gradient, difference, rtol=1e-5)
         assert np.all(np.isfinite(still))
         assert still[1] == 0.0

@@ -12,6 +12,7 @@ from srsinv.forward.scene import TractionScene
 from srsinv.forward.traction import FrictionStep, PressedStrip, Sinusoid
 from srsinv.grid import Open, Periodic
 from tests.forward.setups import full_sensor, largest_error
+from tests.tiers import rare
 
 LINES = {"periodic": Periodic, "open": Open}
 
@@ -49,7 +50,7 @@ def run(kind):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("kind", ["open", pytest.param("periodic", marks=pytest.mark.claim)])
+@pytest.mark.parametrize("kind", rare(LINES, "periodic"))
 def test_single_precision(kind):
     double = run(kind)
     with jax.enable_x64(False):

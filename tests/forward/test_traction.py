@@ -1,5 +1,6 @@
 """Traction: cell averages against quadrature, gradients at the edges, friction and scenes."""
 
+from functools import partial
 from itertools import pairwise
 
 import equinox as eqx
@@ -12,6 +13,7 @@ from scipy.integrate import quad
 from srsinv.forward.scene import TractionScene
 from srsinv.forward.traction import FrictionStep, Hertz, PressedStrip, Sinusoid, UniformStrip
 from srsinv.grid import Open, Periodic, as_real
+from tests.forward.setups import derivatives
 
 LINE = Open(40, 1.1e-4, -2e-3)
 # The features' edges fall inside cells; for each, p(x) written again and where it is not smooth.
@@ -92,15 +94,8 @@ def test_gradients_are_finite_with_edges_on_cell_edges(name):
         pressure = jax.tree.unflatten(structure, list(leaves))
         return jnp.stack([pressure.cell_average(line) for line in lines])
 
-    @jax.jit
-    def jacobians(leaves):
-        value, push = jax.linearize(averages, leaves)
-        pull = jax.linear_transpose(push, leaves)
-        each = jnp.eye(value.size).reshape(-1, *value.shape)
-        forward = jax.vmap(push, out_axes=-1)(jnp.eye(leaves.size))
-        return forward, jax.vmap(pull)(each)[0].reshape(forward.shape)
-
-    forward, reverse = map(np.asarray, jacobians(np.stack(leaves)))
+    every = jax.jit(partial(derivatives, averages))(np.stack(leaves))
+    _, forward, reverse = map(np.asarray, every)
     assert np.isfinite(forward).all()
     # At the end of Hertz's contact they are sqrt(1 - t^2) of a t that is 1 but for its rounding.
     close = 2 * np.finfo(float).eps ** 0.5

@@ -1,6 +1,5 @@
 """A skin that relaxes, sliding steadily, against its limits, energy, and a dense solution."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +14,7 @@ from srsinv.forward.viscoelastic import Viscoelastic
 from srsinv.grid import Periodic
 from srsinv.inverse.estimate import TractionEstimate
 from srsinv.status import Status
+from tests.forward.setups import height_of, solve_contact
 from tests.refusals import refused
 
 LENGTH, N = 0.02, 256
@@ -26,21 +26,6 @@ TIME = 1e-3
 REST = HalfSpace()
 RIDGE, LOAD = Ridge(25e-6, 2e-3, 0.0, 4e-4), 4e3
 MODES = 3
-solved = eqx.filter_jit(press)
-
-
-def solve_contact(line, skin, height, nominal):
-    """With the pressure as an array, so that one program does for all; arrays of numpy."""
-    return jax.device_get(solved(line, skin, height, jnp.asarray(nominal)))
-
-
-@eqx.filter_jit
-def _height(shape, line):
-    return shape.height(line)
-
-
-def height_of(shape, line=LINE):
-    return np.asarray(_height(shape, line))
 
 
 def sliding(speed, fractions=(3.0,), times=(TIME,)):
@@ -140,7 +125,7 @@ def test_refusals():
 @pytest.mark.full
 @pytest.mark.parametrize(("speed", "stiffer"), [(1e-11, 1), (-1e-11, 1), (1e9, 4), (-1e9, 4)])
 def test_very_slow_and_very_fast_it_is_elastic(speed, stiffer):
-    height = height_of(RIDGE)
+    height = height_of(RIDGE, LINE)
     pressure_Pa = solve_contact(LINE, sliding(speed), height, LOAD).pressure_Pa
     elastic = solve_contact(LINE, HalfSpace(0.5, stiffer * 7e5), height, LOAD)
     assert 0.05 < np.mean(elastic.touching) < 0.95
@@ -149,7 +134,7 @@ def test_very_slow_and_very_fast_it_is_elastic(speed, stiffer):
 
 def test_the_edge_met_first_carries_more():
     """A finger that moves to +x meets a ridge at its -x side, where the skin is bent fast."""
-    height = height_of(RIDGE)
+    height = height_of(RIDGE, LINE)
     ahead, back = (
         solve_contact(LINE, sliding(u), height, LOAD / 8).pressure_Pa for u in (0.3, -0.3)
     )
@@ -163,7 +148,7 @@ def test_sliding_is_resisted_by_what_the_skin_loses():
     """Power into the skin is u times the integral of p dh/dx, as its surface moves at u dh/dx; by
     wavenumber u k Re(i C) |p|^2 = u k |Im C| |p|^2, which is never negative, and nothing where the
     skin is elastic."""
-    height = height_of(RIDGE)
+    height = height_of(RIDGE, LINE)
     slope = np.gradient(np.asarray(height), CELL)
 
     def resistance(speed):
@@ -186,7 +171,7 @@ def test_full_contact_is_the_wave_stiffer_and_ahead():
     late = modulus(k * speed, (0.7, 2.0), (1e-3, 2e-4))
     assert np.angle(late) > 0.2
     full = MODULUS * k * depth / 2 * np.sinc(k * CELL / 2 / np.pi)
-    contact = solve_contact(LINE, skin, height_of(SineWave(depth, LENGTH, 0.0)), 6e3)
+    contact = solve_contact(LINE, skin, height_of(SineWave(depth, LENGTH, 0.0), LINE), 6e3)
     wave = full * np.abs(late) * np.cos(k * X + np.angle(late))
     np.testing.assert_allclose(contact.pressure_Pa, 6e3 + wave, rtol=1e-11)
     assert float(contact.iterations) == 0
@@ -227,7 +212,7 @@ ROUGH = pytest.param(Rough(5e-6, 3e-3, 2e-4, 0.8, 1), id="rough", marks=pytest.m
 @pytest.mark.parametrize("shape", [pytest.param(RIDGE, id="ridge"), ROUGH])
 def test_a_dense_solution_by_another_method(shape):
     skin = sliding(-0.2, (2.0, 2.0), (2e-3, 2e-4))
-    height = height_of(shape)
+    height = height_of(shape, LINE)
     matrix = circulant(compliance(skin))
     assert np.linalg.norm(matrix - matrix.T) > 0.1 * np.linalg.norm(matrix)
     reference = by_extragradient(matrix, height, LOAD)
@@ -269,7 +254,7 @@ LAGS = {
 def test_hard_profiles_and_lags(shape, nominal, lag):
     fractions, times, speed = lag
     skin = sliding(speed, fractions, times)
-    height = height_of(shape)
+    height = height_of(shape, LINE)
     check(solve_contact(LINE, skin, jnp.asarray(height), nominal), skin, height, nominal)
 
 
@@ -280,7 +265,7 @@ def test_a_flat_surface_is_pressed_evenly():
 
 
 def test_the_pressure_gives_the_profile_back():
-    height = height_of(RIDGE)
+    height = height_of(RIDGE, LINE)
     contact = solve_contact(LINE, sliding(0.3), height, LOAD)
     left = np.asarray(shape_under(LINE, sliding(0.3), contact.pressure_Pa) - height)
     touching = np.asarray(contact.touching)
@@ -423,14 +408,14 @@ total = jax.jit(
 def test_derivatives_are_finite(shape, nominal, lag):
     fractions, times, speed = LAGS[lag]
     for leaf in jax.tree.leaves(
-        total(height_of(shape), jnp.asarray(nominal), sliding(speed, fractions, times))
+        total(height_of(shape, LINE), jnp.asarray(nominal), sliding(speed, fractions, times))
     ):
         assert np.all(np.isfinite(leaf))
 
 
 @pytest.mark.full
 def test_without_pressure_everything_is_nan():
-    height, nothing = height_of(RIDGE), jnp.asarray(0.0)
+    height, nothing = height_of(RIDGE, LINE), jnp.asarray(0.0)
     assert np.all(np.isnan(solve_contact(LINE, sliding(0.1), height, nothing).pressure_Pa))
     _, slope, _ = total(height, nothing, sliding(0.1))
     assert np.isnan(slope)

@@ -18,6 +18,7 @@ from srsinv.run_folder import GATHERED, MANIFEST, claim
 from tests.golden.check import golden_test
 from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
+from tests.tiers import rare
 
 FORMS = ("gather",)
 
@@ -160,18 +161,20 @@ def test_a_folder_of_anybody_is_gathered_or_refused(tmp_path, case):
 
 
 @pytest.mark.full
-def test_a_large_file_under_many_names_is_refused_soon(tmp_path):
+@pytest.mark.parametrize("name", rare([MANIFEST, "metrics.json"], "metrics.json"))
+def test_a_large_file_under_many_names_is_refused_soon(tmp_path, name):
     a_run(tmp_path / "0", "a=0", {"m": 1.0})
     files = {f"{i:x}": 0 for i in range(65_000)}
     whole = {"command": "srsinv", "files": files, "seed": 0, "version": "1"}
-    large = tmp_path / "0" / MANIFEST
-    large.write_text(f"{json.dumps(whole, sort_keys=True, indent=2)}\n")
+    document = whole if name == MANIFEST else {"m": [1] * 500_000}
+    large = tmp_path / "0" / name
+    large.write_text(f"{json.dumps(document, sort_keys=True, indent=2)}\n")
     for i in range(1, 300):
         a_run(tmp_path / str(i), f"a={i}", {"m": 1.0})
-        (tmp_path / str(i) / MANIFEST).unlink()
-        os.link(large, tmp_path / str(i) / MANIFEST)
+        (tmp_path / str(i) / name).unlink()
+        os.link(large, tmp_path / str(i) / name)
     start = time.monotonic()
-    with pytest.raises(BadInput, match=f"{MANIFEST} in it are longer"):
+    with pytest.raises(BadInput, match=f"{name} in it are longer"):
         gathered(tmp_path, {})
     assert time.monotonic() - start < 4 * MOST_S
 

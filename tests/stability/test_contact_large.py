@@ -9,6 +9,7 @@ from srsinv.forward.contact import press
 from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
 from tests.stability.matrix import PRECISIONS
+from tests.tiers import rare
 
 CELL_M, MODULUS_PA, HEIGHT_M = 1e-4, 1e5, 1e-5
 MANY = 2**18
@@ -37,8 +38,7 @@ solve_many_cells = jax.jit(
 
 @pytest.mark.parametrize("precision", PRECISIONS)
 @pytest.mark.parametrize(
-    "name",
-    ["half a wave", "a few cells", "ridge", pytest.param("impulse", marks=pytest.mark.claim)],
+    "name", rare(["half a wave", "a few cells", "ridge", "impulse"], "impulse")
 )
 def test_a_quarter_of_a_million_cells(name, precision, margin):
     """p >= 0, gap >= 0, gap = 0 where p > 0, and the mean of p, with the gap from p in float64."""

@@ -21,6 +21,7 @@ from srsinv.inverse.features import FeatureFitter, FeatureModel
 from srsinv.recording import Recording, save
 from tests.jobs.run import command, outcome, words
 from tests.stability.matrix import PRECISIONS
+from tests.tiers import rare
 
 SAMPLES = 120
 TIME = np.arange(SAMPLES) / 600
@@ -132,16 +133,11 @@ SCENES = {
 NOMINAL = {"line": LINE, "strip": STRIP, "step": STEP}
 
 
-def some(names, *rare):
-    """These, of which some are for `make claims`: each kind of feature compiles its own programs.
-    tests/inverse/features/test_fit.py fits steps."""
-    return [pytest.param(n, marks=pytest.mark.claim if n in rare else ()) for n in names]
+# Each kind of feature compiles its own programs; tests/inverse/features/test_fit.py fits steps.
+KINDS = rare(NOMINAL, "step")
 
 
-KINDS = some(NOMINAL, "step")
-
-
-@pytest.mark.parametrize("name", some(SCENES, *(n for n, s in SCENES.items() if s.name == "step")))
+@pytest.mark.parametrize("name", rare(SCENES, *(n for n, s in SCENES.items() if s.name == "step")))
 def test_scene(name, precision, margin):
     scene = SCENES[name]
     noise = NOISE_FRACTION * rms(clean_signal(scene.name, **NOMINAL[scene.name]))

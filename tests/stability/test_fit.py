@@ -12,7 +12,7 @@ import pytest
 import srsinv
 from srsinv.inverse.nonlinear import JaxoptLBFGSB, OptaxLBFGS, Optimistix
 from tests.stability.matrix import PRECISIONS
-from tests.tiers import quick
+from tests.tiers import quick, rare
 
 N = 30
 X = np.linspace(0, 1, N)
@@ -25,8 +25,8 @@ MAX_ERROR_SIGMA = 5  # standard errors from the truth at most, where an answer i
 QUICK = ("optimistix", "optax L-BFGS")  # to compile
 SOLVERS = {s.name: s for s in (Optimistix(), OptaxLBFGS(), JaxoptLBFGSB())}
 # The slow one is in tests/inverse/nonlinear, and here in `make claims` alone.
-ONE_AND_OTHER = [QUICK[0], pytest.param(QUICK[1], marks=pytest.mark.claim)]
-MOSTLY_QUICK = [*QUICK, pytest.param("jaxopt LBFGSB", marks=pytest.mark.claim)]
+ONE_AND_OTHER = rare(QUICK, QUICK[1])
+MOSTLY_QUICK = rare(SOLVERS, "jaxopt LBFGSB")
 
 # What stays, and how the fit says so.
 LIMITS = [
@@ -171,9 +171,7 @@ def test_an_outlier_among_squares(precision, margin):
 
 
 @pytest.mark.parametrize("noise", [STDERR, None])
-@pytest.mark.parametrize(
-    "loss", ["huber", pytest.param("soft_l1", marks=pytest.mark.claim), "cauchy"]
-)
+@pytest.mark.parametrize("loss", rare(["huber", "soft_l1", "cauchy"], "soft_l1"))
 def test_an_outlier_among_robust_losses(loss, noise, precision, margin):
     """Within its own error of the truth, which is no wider than twice that of clean data."""
     fit = fitted(CLEAN + NOISE + SPIKE, noise=noise, loss=loss)

@@ -5,6 +5,7 @@ the answer in the old unit is the same to a few round-offs, however ill-conditio
 What fails is a square that overflows or underflows, and a threshold that has a unit.
 """
 
+import itertools
 from functools import cache
 from typing import NamedTuple
 
@@ -29,6 +30,7 @@ from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.inverse.cases import _operator
+from tests.tiers import rare
 
 N, CELL_M, DEPTH_M, SPEED_M_PER_S = 32, 2.5e-4, 7.5e-4, 0.05
 PRECISIONS = ("float64", "float32")
@@ -134,7 +136,7 @@ METHODS = {
 }  # fmt: skip
 # Each order and each rule is in `make test-all`, but not each with each.
 REPEATED = {"tikhonov 0 evidence", "tikhonov 1 gcv", "tikhonov 2 evidence"}
-SOME = [pytest.param(name, marks=pytest.mark.claim if name in REPEATED else ()) for name in METHODS]
+SOME = rare(METHODS, *REPEATED)
 
 
 def answer(method: str, precision: str, u: UnitFactors):
@@ -197,11 +199,14 @@ def layered(u: UnitFactors):
 
 
 @pytest.mark.parametrize("precision", PRECISIONS)
-@pytest.mark.parametrize(("skin", "kind"), [
-    ("half space", "open"), ("layered", "periodic"),
-    pytest.param("half space", "periodic", marks=pytest.mark.claim),
-    pytest.param("layered", "open", marks=pytest.mark.claim),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("skin", "kind"),
+    rare(
+        itertools.product(("half space", "layered"), LINES),
+        ("half space", "periodic"),
+        ("layered", "open"),
+    ),
+)
 def test_signal_in_other_units(kind, skin, precision, margin):
     """The signal of a given traction, and its adjoint."""
 

@@ -22,6 +22,7 @@ from srsinv.errors import BadInput
 from srsinv.recording import load
 from srsinv.run_folder import MANIFEST, check, described
 from tests.stability import killed
+from tests.tiers import hardest, rare
 
 PAGE = {*killed.PAGE, MANIFEST}
 PATIENCE_S = 60
@@ -140,13 +141,7 @@ SLOW = {
     ("page_by_renames", "run", "exit"), ("page_by_renames", "nothing", "raise"),
     ("page_here", "run", "raise"), ("page_here", "nothing", "exit"),
 }  # fmt: skip
-LAST_CHANGES = [
-    pytest.param(
-        *case,
-        marks=() if case in QUICK else pytest.mark.full if case in SLOW else pytest.mark.claim,
-    )
-    for case in itertools.product(WORK, ("nothing", "run"), ("raise", "exit"))
-]
+LAST_CHANGES = hardest(itertools.product(WORK, ("nothing", "run"), ("raise", "exit")), QUICK, SLOW)
 
 
 @pytest.mark.parametrize("most", [SOME, ALL])
@@ -377,12 +372,14 @@ def test_the_real_command_is_stopped_at_any_moment(tmp_path, moment):
     assert os.listdir(tmp_path) == []
 
 
-# Half of the cases, in which every two are met.
-HALF = {("csv", "raise", None), ("csv", "exit", 2.0), ("nc", "raise", 2.0), ("nc", "exit", None)}
-RECORDINGS = [
-    pytest.param(*case, marks=() if case in HALF else pytest.mark.claim)
-    for case in itertools.product(("csv", "nc"), ("raise", "exit"), (None, 2.0))
-]
+# In the other half every two are met.
+REPEATED = {
+    ("nc", "raise", None),
+    ("nc", "exit", 2.0),
+    ("csv", "raise", 2.0),
+    ("csv", "exit", None),
+}
+RECORDINGS = rare(itertools.product(("csv", "nc"), ("raise", "exit"), (None, 2.0)), *REPEATED)
 
 
 @pytest.mark.parametrize(("suffix", "how", "held"), RECORDINGS)

@@ -15,6 +15,7 @@ from tests.reference import exact, lines
 from tests.refusals import refused
 from tests.stability import matrix
 from tests.stability.matrix import PRECISIONS, Group, HardCase
+from tests.tiers import rare
 
 CELL_M, SPEED, OHM = 1e-4, 0.05, 1e6
 LINES = {"periodic": Periodic, "open": Open}
@@ -219,7 +220,7 @@ def test_strip_of_many_depths_on_the_open_line(depths, precision, margin):
 
 
 @pytest.mark.parametrize("precision", EITHER)
-@pytest.mark.parametrize("kind", [pytest.param("periodic", marks=pytest.mark.claim), "open"])
+@pytest.mark.parametrize("kind", rare(LINES, "periodic"))
 def test_twenty_elements(kind, precision, margin):
     """At twenty depths and angles; no traction gives nothing at all."""
     n, elements = 7, 20

@@ -1,5 +1,5 @@
 """Motions as hard as they get: through zero and back, at rest, very slow and fast, with gaps, from
-a far origin of time, and millions of samples long."""
+a far origin of time, and ten million samples long."""
 
 from functools import partial
 
@@ -22,6 +22,7 @@ from srsinv.recording import Recording
 from srsinv.recording._timing import timing
 from tests.reference import closed_forms, exact
 from tests.stability.matrix import PRECISIONS, Group, HardCase
+from tests.tiers import rare
 
 EPS = {precision: float(np.finfo(precision).eps) for precision in PRECISIONS}
 EACH = np.array(list(EPS.values()))
@@ -170,14 +171,15 @@ def test_hard_case(hard):
     assert hard.error < hard.bound
 
 
-LONG, RATE_HZ = 3_000_000, 1e5
+SAMPLES, RATE_HZ = rare([3_000_000, 10_000_000], 10_000_000), 1e5
 
 
-def test_the_position_does_not_drift_in_millions_of_samples(margin):
+@pytest.mark.parametrize("samples", SAMPLES)
+def test_the_position_does_not_drift_in_millions_of_samples(samples, margin):
     """In single precision a sum from sample to sample would be off by thousands of round-offs."""
     ripple = RippleProfile(1.0, 3.0, 0.3)
     with jax.enable_x64(False):
-        time = jnp.asarray(np.arange(LONG, dtype="float32") / np.float32(RATE_HZ))
+        time = jnp.asarray(np.arange(samples, dtype="float32") / np.float32(RATE_HZ))
         moved = jax.jit(lambda t: at_times(t, 0.0, 0.05, (ripple,)).position_m)(time)
         position_m, time = np.asarray(moved, float), np.asarray(time, float)
     turn = 2 * np.pi * 3.0
@@ -187,9 +189,10 @@ def test_the_position_does_not_drift_in_millions_of_samples(margin):
     assert error < bound
 
 
-def test_a_recording_of_millions_of_samples_does_not_drift(margin):
-    time_s = np.arange(LONG) / RATE_HZ
-    long = Recording(np.zeros((1, LONG)), time_s, np.full(LONG, 0.05), ("a",))
+@pytest.mark.parametrize("samples", SAMPLES)
+def test_a_recording_of_millions_of_samples_does_not_drift(samples, margin):
+    time_s = np.arange(samples) / RATE_HZ
+    long = Recording(np.zeros((1, samples)), time_s, np.full(samples, 0.05), ("a",))
     error, bound = abs(long.position_m[-1] / (0.05 * time_s[-1]) - 1), 16 * EPS["float64"]
     margin(error, bound)
     assert error < bound

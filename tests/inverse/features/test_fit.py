@@ -18,6 +18,7 @@ from srsinv.inverse.features import FeatureFitter, FeatureModel
 from srsinv.inverse.features.direct import friction_of
 from srsinv.inverse.features.estimate import probabilities
 from tests.features import FEATURES
+from tests.tiers import rare
 
 SAMPLES = 300
 TIME = np.arange(SAMPLES) / 1500
@@ -94,15 +95,9 @@ def assert_recovered(read, truth, within):
 # Without noise, and without a word on where to look.
 
 
-# A line and a Hertz contact are found beside one another below.
-FOUND = {"strip", "step", "grating"}
-
-
 @pytest.mark.full
-@pytest.mark.parametrize(
-    "name",
-    [name if name in FOUND else pytest.param(name, marks=pytest.mark.claim) for name in FEATURES],
-)
+# A line and a Hertz contact are found beside one another below.
+@pytest.mark.parametrize("name", rare(FEATURES, "line", "hertz"))
 def test_found_where_nothing_is_said(name):
     y = simulated(name)
     estimate = fitter()({name: FEATURES[name]}, y, 1e-3 * rms(y))
@@ -117,7 +112,7 @@ OFFSET = np.array([0.3, -0.7])  # of the slow readout, unknown to the fit
 @pytest.mark.parametrize("sign", [-1, 1])
 @pytest.mark.parametrize(
     ("sensor", "motion"),
-    [pytest.param("two", "varying", marks=pytest.mark.claim), ("slow", "reversing")],
+    rare([("two", "varying"), ("slow", "reversing")], ("two", "varying")),
 )
 def test_friction_of_either_sign_along_any_motion(sensor, motion, sign):
     truth = TRUTHS["strip"] | {"friction": 0.5 * sign}
@@ -226,9 +221,7 @@ def cramer_rao(name, truth, noise):
     return {part: s / scale[part] for part, s in zip(columns, spread, strict=True)}
 
 
-@pytest.mark.parametrize(
-    "name", ["nothing", *(pytest.param(name, marks=pytest.mark.claim) for name in FEATURES)]
-)
+@pytest.mark.parametrize("name", rare(["nothing", *FEATURES], *FEATURES))
 def test_the_right_one_is_most_probable(name):
     rng = np.random.default_rng(5)
     clean = np.zeros((2, SAMPLES)) if name == "nothing" else simulated(name)

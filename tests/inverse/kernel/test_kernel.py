@@ -27,6 +27,7 @@ from srsinv.inverse.problem import Problem
 from srsinv.inverse.wiener import Exponential, Wiener
 from srsinv.recording.passes import passes_of
 from tests.inverse.cases import signals_along
+from tests.tiers import rare
 
 DEPTH_M, MU = 7.5e-4, 0.5
 LINE = Periodic(512, 0.03 / 512, -0.015)
@@ -533,8 +534,12 @@ def test_a_file_holds_all_of_it(measured, tmp_path):
         assert not is_as_written(path)
 
 
+DAMAGED = ("kernel_C_m_per_N", "far_field", "depth_m", "lag_m")
+TOO_MANY = (("depth_m", 1e-12), ("depth_m", 1e-300), ("lag_m", 1e9), ("lag_m", 1e300))
+
+
 @pytest.mark.full
-@pytest.mark.parametrize("name", ["kernel_C_m_per_N", "depth_m"])
+@pytest.mark.parametrize("name", rare(DAMAGED, "far_field", "lag_m"))
 def test_a_damaged_file_is_refused(measured, tmp_path, name):
     import io
 
@@ -555,7 +560,7 @@ def test_a_damaged_file_is_refused(measured, tmp_path, name):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize(("name", "factor"), [("depth_m", 1e-12), ("lag_m", 1e300)])
+@pytest.mark.parametrize(("name", "factor"), rare(TOO_MANY, ("depth_m", 1e-300), ("lag_m", 1e9)))
 def test_a_file_of_more_lags_than_it_holds_makes_none(measured, tmp_path, name, factor):
     """How many there would be is in no array's size before it is checked."""
     import io

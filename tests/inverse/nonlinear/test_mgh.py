@@ -17,7 +17,7 @@ import srsinv
 from srsinv.inverse.nonlinear import Optimistix
 from tests.claims.mgh import BY_NAME, fits, rows_of, summary
 from tests.reference.mgh import FACTORS, PROBLEMS, ZERO
-from tests.tiers import quick
+from tests.tiers import hardest, quick
 
 LARGE_RESIDUAL = ("brown_dennis", "penalty_1")
 RANK_DEFICIENT = ("freudenstein_roth", "jennrich_sampson", "chebyquad")  # of J in the minimum
@@ -92,12 +92,7 @@ def test_strongly_damped_steps_are_no_arrival():
     assert problem.minimum_at(2 * fit.stats["cost"]) is not None
 
 
-def tier_of(name):
-    """The mark of a problem's test."""
-    return pytest.mark.full if name in HARD + ODD else pytest.mark.claim
-
-
-@pytest.mark.parametrize("name", [pytest.param(name, marks=tier_of(name)) for name in BY_NAME])
+@pytest.mark.parametrize("name", hardest(BY_NAME, (), HARD + ODD))
 def test_converged_is_stationary(name):
     for fit, row in zip(*solved(name), strict=True):
         assert fit.converged or row["minimum"] not in FINITE, (row, fit.status)

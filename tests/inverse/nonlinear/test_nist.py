@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import srsinv
+from tests.tiers import hardest
 
 PROBLEMS = json.loads((Path(__file__).parent / "nist" / "problems.json").read_text())["problems"]
 
@@ -86,11 +87,6 @@ HARDEST = ("Lanczos1", "MGH10")  # the rest take as long to compile
 HARD = ("MGH09", "Thurber", "BoxBOD", "Rat42", "Eckerle4", "Rat43", "Bennett5")
 
 
-def tier_of(name):
-    """The mark of a problem's test."""
-    return () if name in HARDEST else pytest.mark.full if name in HARD else pytest.mark.claim
-
-
 @cache
 def model_of(formula):
     """The predictors are parameters that are not fitted, so that problems of one formula and size
@@ -111,7 +107,7 @@ def fits(name):
     return [srsinv.fit(model, start, y, free="b") for start in starts]
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=tier_of(name)) for name in PROBLEMS])
+@pytest.mark.parametrize("name", hardest(PROBLEMS, HARDEST, HARD))
 def test_certified(name):
     problem = PROBLEMS[name]
     for fit in fits(name):
