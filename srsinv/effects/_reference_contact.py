@@ -22,7 +22,7 @@ def pressure_under(
     """
     n, height = height_m.size, height_m - height_m.mean()
 
-    def moved(values):
+    def displacement(values):
         return np.fft.irfft(compliance * np.fft.rfft(values), n)
 
     stiffness = np.divide(1.0, compliance, out=np.zeros_like(compliance), where=compliance > 0)
@@ -32,14 +32,14 @@ def pressure_under(
     p, way, last, goes_on = np.full(n, float(nominal_Pa)), np.zeros(n), 1.0, False
     for _ in range(MOST_STEPS):
         touching = p > 0
-        gap = moved(p) - height
+        gap = displacement(p) - height
         gap -= gap[touching].mean()
         wrong = max(np.abs(gap[touching]).max(), -gap.min())
         if wrong <= ENOUGH * np.ptp(height):
             break
         square = float(gap[touching] @ gap[touching])
         way = np.where(touching, gap + goes_on * square / last * way, 0.0)
-        answer = moved(way)
+        answer = displacement(way)
         answer -= answer[touching].mean()
         bent = float(answer @ way)
         # A single cell that touches has nowhere to go by itself.

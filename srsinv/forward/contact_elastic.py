@@ -66,12 +66,12 @@ def _partial(height, nominal, compliance, full):
 
 
 class _DescentState(NamedTuple):
-    """The deviation, the displacement `moved` under it, the gap and its error; `evenly` is the
+    """The deviation, the `displacement` under it, the gap and its error; `evenly` is the
     preconditioned unit load on the `active` cells, the next step goes on as `conjugate` to this
     one's `direction`."""
 
     deviation: Float[Array, " n"]
-    moved: Float[Array, " n"]
+    displacement: Float[Array, " n"]
     gap: Float[Array, " n"]
     residual: Float[Array, ""]
     active: Bool[Array, " n"]
@@ -94,11 +94,11 @@ def iterate(height, nominal, compliance, start, most: int, tolerance):
         return _descended(at, height, nominal, compliance, inverse)
 
     zero, none = jnp.zeros((), height.dtype), jnp.zeros_like(height)
-    moved = times(compliance, start)
-    gap, residual = gap_and_error(height, nominal, moved, start)
+    displacement = times(compliance, start)
+    gap, residual = gap_and_error(height, nominal, displacement, start)
     active = jnp.zeros(height.shape, bool)
     first = _DescentState(
-        start, moved, gap, residual, active, none, none, zero, jnp.array(False), zero
+        start, displacement, gap, residual, active, none, none, zero, jnp.array(False), zero
     )
     end = jax.lax.while_loop(going, step, first)
     return end.deviation, end.steps
@@ -130,29 +130,31 @@ def _descended(at: _DescentState, height, nominal, compliance, inverse) -> _Desc
     free = at.deviation - length * direction
     lifted = active & (free <= -nominal)
     whole = ~jnp.any(lifted)
-    deviation, moved = jax.lax.cond(
+    deviation, displacement = jax.lax.cond(
         whole,
-        lambda: (free, at.moved - length * answer),
+        lambda: (free, at.displacement - length * answer),
         lambda: _falling(at, cut(free, active, nominal), height, compliance),
     )
-    gap, residual = gap_and_error(height, nominal, moved, deviation)
+    gap, residual = gap_and_error(height, nominal, displacement, deviation)
     # A direction that lost cells would carry a net force.
     return _DescentState(
-        deviation, moved, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
+        deviation, displacement, gap, residual, active, evenly, direction, norm, whole, at.steps + 1
     )
 
 
 def _falling(at: _DescentState, cut, height, compliance):
     """The step from the state to `cut`, after some steps shortened to where the energy falls: else
     cells can come and go in a circle. Returns the deviation, and the displacement under it."""
-    moved = times(compliance, cut)
-    change, response = cut - at.deviation, moved - at.moved
-    slope, curvature = change @ (at.moved - height), change @ response
+    displacement = times(compliance, cut)
+    change, response = cut - at.deviation, displacement - at.displacement
+    slope, curvature = change @ (at.displacement - height), change @ response
     rises = (at.steps >= FREE_STEPS) & (slope < 0) & (slope + curvature / 2 > 0)
     part = -slope / curvature
     # A mean of pressures that are not negative, but for rounding.
     falling = jnp.maximum(at.deviation + part * change, jnp.minimum(at.deviation, cut))
-    return jnp.where(rises, falling, cut), jnp.where(rises, at.moved + part * response, moved)
+    return jnp.where(rises, falling, cut), jnp.where(
+        rises, at.displacement + part * response, displacement
+    )
 
 
 def _balanced(values, evenly):

@@ -133,10 +133,10 @@ class KernelError(SensorError):
         values = self.factors - self.far[..., None] * bare
         tables = values, integral_of(self.lags.x_m, values), self.far
 
-        def moved(values: Any, integral: Any, far: Any) -> Any:
+        def changed_signal(values: Any, integral: Any, far: Any) -> Any:
             return signal_of(_with_corrections_changed(sensor, values, integral, far))
 
-        return np.asarray(jax.vmap(moved)(*map(as_real, tables))) - np.asarray(fitted)
+        return np.asarray(jax.vmap(changed_signal)(*map(as_real, tables))) - np.asarray(fitted)
 
 
 def _stated(film: Film) -> Film:

@@ -107,10 +107,10 @@ def scored(problem: LineProblem, traction: Float[Any, "c n"] | None = None) -> L
 
 
 class NuisanceCorrection(NamedTuple):
-    """What the columns change of a posterior: `moved` U (m, c, n), `images` G^T R^-1 C (m, c, n)
-    and the inverse of T (m, m), for all columns of all elements in a row."""
+    """What the columns change of a posterior: `solutions` U (m, c, n), `images` G^T R^-1 C
+    (m, c, n) and the inverse of T (m, m), for all columns of all elements in a row."""
 
-    moved: Float[np.ndarray, "m c n"]
+    solutions: Float[np.ndarray, "m c n"]
     images: Float[np.ndarray, "m c n"]
     inverse: Float[np.ndarray, "m m"]
 
@@ -129,20 +129,20 @@ class NuisanceCorrection(NamedTuple):
                 alone[e] = row
                 images.append(adjoint(alone))
         images = np.stack(images)
-        moved = np.stack([solve(image) for image in images])
+        solutions = np.stack([solve(image) for image in images])
         among = scipy.linalg.block_diag(*nuisance.among)
-        tight = among - np.einsum("icn,jcn->ij", images, moved)
+        tight = among - np.einsum("icn,jcn->ij", images, solutions)
         # In exact numbers at least one everywhere; what is lost of a large difference is rounding.
         tight = tight + ROUNDED * np.diag(np.diag(among))
-        return cls(moved, images, np.linalg.inv((tight + tight.T) / 2))
+        return cls(solutions, images, np.linalg.inv((tight + tight.T) / 2))
 
     def corrected(self, solved: Traction) -> Traction:
         """The solution beside the columns, from that without them of the same right side."""
         products = np.einsum("icn,cn->i", self.images, solved)
-        return solved + np.einsum("i,icn->cn", self.inverse @ products, self.moved)
+        return solved + np.einsum("i,icn->cn", self.inverse @ products, self.solutions)
 
     def variance(self, mean_weights: Float[np.ndarray, "c n"]) -> Traction:
         """What is added to the variance of the traction, less its mean with these weights."""
-        of_mean = np.einsum("icn,cn->ic", self.moved, mean_weights)
-        moved = self.moved - of_mean[..., None]
-        return np.einsum("icn,ij,jcn->cn", moved, self.inverse, moved)
+        of_mean = np.einsum("icn,cn->ic", self.solutions, mean_weights)
+        solutions = self.solutions - of_mean[..., None]
+        return np.einsum("icn,ij,jcn->cn", solutions, self.inverse, solutions)

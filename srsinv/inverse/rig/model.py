@@ -173,7 +173,7 @@ class RigModel(eqx.Module):
         """The sensor of these parameters."""
         deeper = params["depth_m"] - self.sensor.depth_m
 
-        def moved(number: int, film: Film) -> Film:
+        def placed(number: int, film: Film) -> Film:
             angle, offset = params.get(f"angle_{number}_rad"), params.get(f"offset_{number}_m")
             film = eqx.tree_at(lambda f: f.depth_m, film, film.depth_m + deeper)
             if angle is not None:
@@ -182,7 +182,7 @@ class RigModel(eqx.Module):
                 film = eqx.tree_at(lambda f: f.offset_m, film, as_real(offset))
             return film.in_place()
 
-        films = [moved(n + 1, film) for n, film in enumerate(self.sensor.elements)]
+        films = [placed(n + 1, film) for n, film in enumerate(self.sensor.elements)]
         return eqx.tree_at(lambda s: s.elements, self.sensor, tuple(films))
 
 
