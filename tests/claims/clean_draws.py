@@ -19,12 +19,12 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import norm
 
+from experiments.robustness.scans import RIDGE_SCENE, SCENES, Rng, ScannedScene, scan
 from srsinv.inverse.diagnostics import LEAST_EXPLAINED
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.method import Method
 from srsinv.jobs.trials import Row
 from tests.claims.faults import METHODS, MethodOnScene, errors, fit_ratios, problem, ratios
-from tests.claims.faulty_scans import RIDGE_SCENE, SCENES, Rng, ScannedScene, scan
 from tests.claims.study import Study, combinations
 
 DRAWS = 125  # of each of the eight methods: a thousand in all

@@ -1,7 +1,7 @@
 """What every method makes of faulty measurements, and whether it says so.
 
-On simulated scans of a known truth (faulty_scans.py, faults.yaml; minutes). Of every fault and
-method:
+On simulated scans of a known truth (experiments/robustness: the first of its faults; minutes). Of
+every fault and method:
 
 - `z`: the error over the standard error: of an inversion the rms over the cells that were passed,
   of p or of q, whichever is larger; of a fit that of the worst parameter, 0 where the standard
@@ -17,6 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.stats import chi2
 
+from experiments.robustness.faults import faulty, first_faults, suits
+from experiments.robustness.scans import SCENES, Scan, ScannedScene
 from srsinv.errors import BadInput
 from srsinv.grid import as_real
 from srsinv.inverse.estimate import Estimate, deviation
@@ -30,7 +32,6 @@ from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
 from srsinv.jobs.trials import Row
 from srsinv.recorded import problem_of, ready
-from tests.claims.faulty_scans import SCENES, Scan, ScannedScene, faults, faulty, suits
 from tests.claims.study import Study
 
 LEVEL = 1e-3
@@ -73,7 +74,7 @@ def measured(fault: str, method: str) -> Row:
     """One fault and method."""
     tried = METHODS[method]
     scene = SCENES[tried.scene]
-    made = faulty(faults()[fault], scene, SEED)
+    made = faulty(first_faults()[fault], scene, SEED)
     try:
         stated = problem(made, tried.known_friction)
         estimate = tried.method(scene)(stated)
@@ -131,7 +132,7 @@ def cases() -> list[Row]:
     """Every fault by every method on a scene that it suits."""
     return [
         {"fault": name, "method": method}
-        for name, fault in faults().items()
+        for name, fault in first_faults().items()
         for method, tried in METHODS.items()
         if suits(fault, SCENES[tried.scene])
     ]
@@ -150,4 +151,6 @@ def summary(rows: list[Row]) -> Row:
     }
 
 
-STUDY = Study("faults", measured, cases, summary, rests_on=lambda fault, method: faults()[fault])
+STUDY = Study(
+    "faults", measured, cases, summary, rests_on=lambda fault, method: first_faults()[fault]
+)
