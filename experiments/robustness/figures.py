@@ -7,7 +7,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from srsinv.inverse.diagnostics import Quality
-from srsinv.report.plot.panels import log_ticks
 from srsinv.report.plot.style import GREY, TRUTH, WIDTH_IN, colours, names_of, styled
 from srsinv.report.text import spoken
 
@@ -21,6 +20,7 @@ MARKS = {  # by quality: marker, and whether it is filled
 }
 WORDS = {str(Quality.FAILED): "no answer"}
 ROW_IN, APART, MOST = 0.21, 0.34, 100.0  # MOST: larger ratios are drawn at the edge
+TICKS = (1, 2, 5, 10, 20, 50, 100)
 
 
 @styled
@@ -67,7 +67,7 @@ def _panel(axes: Axes, ds: xarray.Dataset, limit: float) -> None:
             )  # fmt: skip
     axes.set(xscale="log", xlabel="error over that of the best weights")
     axes.set_xlim(0.7, MOST)
-    log_ticks(axes.xaxis, 0.7, MOST)
+    axes.set_xticks(TICKS, [f"{each:g}" for each in TICKS])
 
 
 def _worst(quality: np.ndarray) -> str:
