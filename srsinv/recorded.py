@@ -70,8 +70,8 @@ def problem_of(
       `causes`: of coloured noise beside the white one.
     - the fact `ways` of the sidecar takes the passes of one direction of motion, `onwards` or
       `back`.
-    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk, and
-      `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
+    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk (where no
+      lines are named, those that are no texture are added, with a warning), and `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
       `notch_Hz` take out of the signal is warned of.
     - `operator`: how the sensor's response is known; None: by its theory. A measured kernel stands
       in place of the films' and of what a calibration found, errors included.
@@ -91,6 +91,8 @@ def problem_of(
         noise = SampleNoise(noise, causes)
     operator = Theory() if operator is None else operator
     sensor = operator.sensor(sensor)
+    named = mains_of(recording)
+    hum = Hum.of(recording, float(sensor.depth_m), named, noise.rms)
     window = recording.sidecar.get("contact_window_m")
     problem = Problem(
         sensor,
@@ -101,7 +103,7 @@ def problem_of(
         nominal_pressure_Pa=recording.sidecar.get("nominal_pressure_Pa"),
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
-        mains=mains_of(recording),
+        mains=named or hum.unnamed,
         rig=operator.error
         or RigError.of_facts(
             recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
@@ -119,10 +121,10 @@ def problem_of(
         if problem.friction is not None and direction is False
         else friction
     )
-    return problem.with_warnings((*_warnings(recording, problem), *operator.warnings(acts)))
+    return problem.with_warnings((*_warnings(recording, problem, hum), *operator.warnings(acts)))
 
 
-def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
+def _warnings(recording: Recording, problem: Problem, hum: Hum) -> tuple[str, ...]:
     """Warnings on the recording itself, as sentences."""
     # Of the samples as they were recorded: equal ones are no longer equal once filtered.
     raw = recording.signal if recording.raw_signal is None else recording.raw_signal
@@ -136,7 +138,7 @@ def _warnings(recording: Recording, problem: Problem) -> tuple[str, ...]:
         *recording.doubts,
         *((f"The rig's calibration was doubtful: {of_calibration}",) if of_calibration else ()),
         *preparation_warnings(recording, highest_Hz, has_offset),
-        *Hum.of(recording, depth_m, problem.mains, problem.noise.rms).warnings,
+        *hum.warnings,
         *channel_findings(recording.channels, raw, recording.signal_unit),
         *_wiring(recording, problem),
     )

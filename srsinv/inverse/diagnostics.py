@@ -249,18 +249,14 @@ def residual_over_noise(
     )
 
 
-def unchecked_residual(
-    chi2_per_dof: float | None, degrees_of_freedom: float | int
-) -> Sequence[str]:
+def unchecked_residual(chi2_per_dof: float | None) -> Sequence[str]:
     """Warning on a chi-square that is undefined although the noise is known."""
     if chi2_per_dof is not None:
         return ()
-    cause = (
-        "the fit takes up every degree of freedom of the signal"
-        if degrees_of_freedom < 1
-        else "samples are missing and the noise is coloured"
+    return (
+        "Chi-square is undefined, so that no residual checks the bands: the fit takes up every "
+        "degree of freedom of the signal.",
     )
-    return (f"Chi-square is undefined, so that no residual checks the bands: {cause}.",)
 
 
 def beyond_band(name: str, z: float, resolved_dof: float) -> Sequence[str]:

@@ -16,7 +16,7 @@ from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers
 from .line.prior import Prior
 from .line.problem import LineProblem
-from .line.rule import Choice, GeneralisedCrossValidation, Rule, to_score
+from .line.rule import Choice, Evidence, Rule, to_score
 from .line.solve import PATHS, Family, Scorer, choose_path, solve
 from .line.spectral import square, white_model
 from .method import Method
@@ -74,7 +74,8 @@ class Tikhonov(Method):
 
     - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` [m] is the z
       that makes it dimensionless.
-    - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose.
+    - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose, [`Evidence`][] where
+      none is given.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].
 
     The standard error is that of the posterior under the Gaussian prior that the penalty stands
@@ -102,7 +103,7 @@ class Tikhonov(Method):
         key = "method.tikhonov."
         self.order = whole(f"{key}order", order, "0, 1 or 2", least=0, most=2)
         self.weight_p, self.weight_q = _weight("weight_p", weight_p), _weight("weight_q", weight_q)
-        rule = GeneralisedCrossValidation() if rule is None else rule
+        rule = Evidence() if rule is None else rule
         self.rule = of_kind(f"{key}rule", rule, Rule, "a rule, such as rule=gcv")
         self.length_m = as_real(
             number(f"{key}length_m", length_m, "a positive length in metres", above=0)

@@ -153,7 +153,7 @@ class Wiener(Method):
         return solve(problem, SpectralPrior(power), *how, stats=stats, warnings=warnings)
 
     def spectra(self, problem: LineProblem) -> Float[Array, "c k"]:
-        return _powers(problem, (self.p, self.q)[: problem.unknowns])
+        return _powers(problem.without_warnings(), (self.p, self.q)[: problem.unknowns])
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
         del problem  # nothing is chosen: the spectra as they are given
@@ -173,7 +173,7 @@ def _powers(problem: LineProblem, spectra: tuple[TractionSpectrum, ...]) -> Floa
 
 def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, " c"], Status]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
-    middle = _log_scale(problem, power, problem.sample_count)
+    middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
     box = jnp.stack([middle - 6, middle + 6])
     family = ScaledSpectra(power)
     problem = to_score(problem, family, np.asarray(box), path)

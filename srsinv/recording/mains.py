@@ -22,7 +22,8 @@ WANDER_HZ = 1.0  # from where a line should be to what it is, where the signal h
 REACH_HZ = 2.5  # from where a line should be to its strongest wave
 BESIDE_HZ = 24.0  # up to there lies the spectrum around a line: of the median the line is no part
 ABOVE = 3.0  # times the power around it: there a line ends
-STANDS_OUT = 3.0  # times the greatest power beside it
+STANDS_OUT = 3.0  # times the greatest power beside it, both over its trend
+TREND = 2  # degree of the logarithm of the power around a line
 LOBE = 4.0  # bins on either side that the taper spreads a wave over
 CAUGHT = 1e-3  # of the noise: what is weaker is left to it
 NEGLIGIBLE_POWER = 1e-14  # of a line's power: a part that needs no wave
@@ -87,12 +88,19 @@ class _Spectrum:
         return MainsLine(centre, half, np.sqrt(np.maximum(excess_power, 0.0)))
 
     def stands_out(self, line: MainsLine) -> bool:
-        """Whether a line is above all that is beside it, as no lobe of a smooth spectrum is."""
-        off = np.abs(self.frequency_Hz - line.frequency_Hz)
-        inside = off <= line.half_Hz + LOBE * self.bin_Hz
-        beside = (off <= BESIDE_HZ) & ~inside & (self.frequency_Hz > 0)
-        most, others = (np.max(self.power[:, at], axis=-1, initial=0.0) for at in (inside, beside))
-        return bool(np.any(most > STANDS_OUT * others))
+        """Whether a line is above all that is beside it, as no lobe of a smooth spectrum is. Of the
+        power its trend is taken out: the skin's response falls by orders of magnitude there."""
+        away = self.frequency_Hz - line.frequency_Hz
+        inside = np.abs(away) <= line.half_Hz + LOBE * self.bin_Hz
+        beside = (np.abs(away) <= BESIDE_HZ) & ~inside & (self.frequency_Hz > 0)
+        if np.count_nonzero(beside) <= TREND:
+            return True
+        logs = np.log(np.maximum(self.power, np.finfo(float).tiny))
+        shapes = (away / BESIDE_HZ)[:, None] ** np.arange(TREND + 1)
+        trends, *_ = np.linalg.lstsq(shapes[beside], logs[:, beside].T)
+        left = logs - (shapes @ trends).T
+        most, others = (np.max(left[:, at], axis=-1, initial=-np.inf) for at in (inside, beside))
+        return bool(np.any(most > np.log(STANDS_OUT) + others))
 
 
 def _around(is_above: np.ndarray, top: int) -> tuple[int, int]:

@@ -16,6 +16,7 @@ from ...grid import half_spectrum_weights
 from ...numerics import runs
 from ..estimate import Numbers
 from ..noise.nuisance import WithoutNuisance
+from ..noise.whitener import residual_squares
 from .model import EstimateParts, with_means
 from .prior import Prior, Solution
 from .problem import LineProblem
@@ -139,7 +140,8 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
     n, roots = problem.line.n, list(np.asarray(prior_root(problem.line, prior), float))
     cleaned = WithoutNuisance.of(problem, solution.value)
     parts, pull, variance = _estimate_parts(cleaned.problem, prior, solution)
-    parts = parts._replace(fitted=parts.fitted + cleaned.signal)
+    squares = np.asarray(residual_squares(cleaned.problem, parts))
+    parts = parts._replace(fitted=parts.fitted + cleaned.signal, squares=squares)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging, float))
     checks = Checks(
         np.asarray(pull, float),

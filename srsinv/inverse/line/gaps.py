@@ -16,6 +16,7 @@ from jaxtyping import Bool, Float, Int
 # them, for what lies across it is left to conjugate gradients; a run is cut at the most that a
 # dense inverse is quick for.
 LEAST, USUAL, MOST = 96, 256, 1024
+MOST_STEPS = 300  # of conjugate gradients
 # Of a matrix's diagonal, for each of its rows: what rounding leaves of a direction that has no
 # information, as an element's offset where all of its samples are missing.
 ROUNDED = 4 * float(np.finfo(float).eps)

@@ -26,8 +26,16 @@ from ...modules import with_fields
 from ..noise.levels import at_one_level, change_of_variance
 from ..noise.nuisance import Nuisance, NuisanceCorrection
 from ..noise.whitener import NoisePrecision
-from .gaps import Gaps, Shapes, Solved, conjugate_gradients, inverse_of, missing_shapes
-from .near_periodic import MOST_STEPS, NearPeriodic
+from .gaps import (
+    MOST_STEPS,
+    Gaps,
+    Shapes,
+    Solved,
+    conjugate_gradients,
+    inverse_of,
+    missing_shapes,
+)
+from .near_periodic import NearPeriodic
 from .prior import Prior, Solution
 from .problem import LineProblem
 from .rig_bands import fewer_directions

@@ -11,7 +11,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...grid import Convolution, Line
-from ...numerics import is_flat
 from ..estimate import COMPONENTS, Numbers
 
 # A gain at k = 0 below this fraction of the largest leaves a mean unobservable.
@@ -248,10 +247,6 @@ def with_means(
 def chi2(model: LineModel, resolved_dof: float, squares: float) -> dict[str, float | None]:
     """Chi-square of the residual per degree of freedom, from the whitened residual's sum of
     squares; None where it is undefined."""
-    noise = np.asarray(model.noise)
     offsets = model.data.shape[0] if model.has_free_offset else 0
     freedom = float(model.sample_count - offsets - resolved_dof)
-    # With samples missing, a residual whitened with zeros in the gaps is white for white noise
-    # alone.
-    known = (model.observed is None or is_flat(noise[:, 1:])) and freedom >= 1
-    return {CHI2: squares / freedom if known else None, FREEDOM: freedom}
+    return {CHI2: squares / freedom if freedom >= 1 else None, FREEDOM: freedom}

@@ -16,13 +16,12 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ...grid import as_real, half_spectrum_weights
-from .gaps import BlockInverse, Gaps, Map, conjugate_gradients, missing_shapes
+from .gaps import MOST_STEPS, BlockInverse, Gaps, Map, conjugate_gradients, missing_shapes
 from .prior import Prior, Score
 from .problem import LineProblem
 from .spectral import factorise
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
-MOST_STEPS = 300
 INNER_TOLERANCE = 1e-10
 WIDTH = 2.5  # rms lags of the kernel
 SCORE_TOLERANCE = 1e-4

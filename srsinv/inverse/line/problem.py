@@ -27,6 +27,7 @@ from ..estimate import TractionEstimate
 from ..gridding.cells import Window
 from ..gridding.passes import AveragedPasses
 from ..noise.model import Samples, noise_on_line
+from ..noise.whitener import residual_squares
 from ..rig.error import SensorError
 from .model import CHI2, FREEDOM, EstimateParts, LineModel, chi2, have_zero_mean, less_means
 
@@ -299,6 +300,10 @@ class LineProblem(LineModel):
             return self
         return with_fields(self, sensor=None, scan=None, scanned=None, passes=None, rig=None)
 
+    def without_warnings(self) -> "LineProblem":
+        """Itself without its warnings, words for which all programs would be compiled anew."""
+        return with_fields(self, warnings=())
+
     def rig_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "k e n"]:
         """What one standard deviation of the rig, in each independent direction, changes of the
         signals of a traction; nothing where samples are missing. None of a rig that is exact."""
@@ -376,9 +381,9 @@ class LineProblem(LineModel):
         check_estimate((self.unknowns, self.line.n), given, status, resolved_dof, warnings, stats)
         unknown = jnp.full(np.shape(traction), jnp.nan)
         parts = _estimate_parts(self, jnp.asarray(traction), unknown if stderr is None else stderr)
-        squares = chi2(self, float(resolved_dof), float(parts.squares))
+        squares = chi2(self, float(resolved_dof), residual_squares(self, parts))
         of_residual = squares[CHI2], squares[FREEDOM] or 0.0
-        over_noise = (*unchecked_residual(*of_residual), *residual_over_noise(*of_residual))
+        over_noise = (*unchecked_residual(squares[CHI2]), *residual_over_noise(*of_residual))
         p, p_stderr = (np.asarray(each)[0] for each in (parts.value, parts.stderr))
         p_stderr = np.where(np.isfinite(p_stderr), p_stderr, 0.0)
         beyond = beyond_modulus(p, p_stderr, self.modulus_Pa, float(resolved_dof))

@@ -62,7 +62,8 @@ def solve(
     or does not serve this problem.
     """
     path = choose_path(problem, path)
-    stats = {**stats, "path": path}
+    stats, warnings = {**stats, "path": path}, (*problem.warnings, *warnings)
+    problem = problem.without_warnings()
     status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
     if path == "spectral":
         return _estimate(problem, spectral_answer(problem, prior), status, stats, warnings)
@@ -125,7 +126,7 @@ class Scorer(eqx.Module):
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
-        self.family, self.problem = family, problem.to_grid()
+        self.family, self.problem = family, problem.to_grid().without_warnings()
         if path == "iterative":
             self.problem = at_one_level(scored(self.problem))
         if path == "direct":
@@ -235,7 +236,7 @@ def _estimate(
         friction=problem.friction,
         rig_errors=moved,
         status=status,
-        warnings=(*_warnings(problem, answer, stats), *warnings),
+        warnings=(*warnings, *_warnings(problem, answer, stats)),
         stats=stats,
     )
 
@@ -251,7 +252,6 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
     p, p_stderr = (np.asarray(of)[0, problem.observed_cells] for of in (parts.value, parts.stderr))
     has_level = problem.known_mean_Pa[0] is not None and problem.background_Pa[0] is not None
     return (
-        *problem.warnings,
         *(diagnostics.shared_out(checks.difference_dof) if is_any else ()),
         *(s for name, t, _, part, _ in each for s in diagnostics.prior_alone(name, t, n, part)),
         *(s for name, t, pull, _, _ in each for s in diagnostics.pulled_by_prior(name, pull, t)),
@@ -259,7 +259,7 @@ def _warnings(problem: LineProblem, answer: CheckedSolution, stats: dict) -> tup
         *_within_runs(checks.runs, resolved_dof / n),
         *(diagnostics.negative_pressure(p, p_stderr, resolved_dof[0]) if has_level else ()),
         *diagnostics.beyond_modulus(p, p_stderr, problem.modulus_Pa, resolved_dof[0]),
-        *diagnostics.unchecked_residual(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
+        *diagnostics.unchecked_residual(stats["chi2_per_freedom"]),
         *diagnostics.residual_over_noise(stats["chi2_per_freedom"], stats["degrees_of_freedom"]),
         *diagnostics.below_rounding(float(np.sqrt(noise.min())), largest, noise.dtype),
         *diagnostics.missing(_missing(problem)),

@@ -14,7 +14,9 @@ from ...recording import Recording
 from ...recording.disturbances import nominal
 from ...recording.mains import WANDER_HZ, MainsLine, standing_lines
 
-PASSED_ON = 1e-3  # of a wave's amplitude: what passes less on shows no texture
+# Of a wave's amplitude: where the skin passes on less, a line of 1 % of a feature's signal would be
+# a texture of the feature's own pressure.
+PASSED_ON = 0.01
 WEAK = 0.3  # of the white noise: weaker lines change no answer
 MOVING = 0.5  # of the greatest speed: faster is no start and no turn
 
@@ -46,16 +48,23 @@ class Hum(NamedTuple):
         return cls(recording, depth_m, strong, is_named)
 
     @property
+    def unnamed(self) -> tuple[MainsLine, ...]:
+        """The lines that nobody named and that are no texture."""
+        if self.is_named:
+            return ()
+        return tuple(line for line in self.lines if not self._may_be_texture(line))
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings on lines that nobody named and that are no texture, and on those that may be
         one: named ones, and those that lie where mains have theirs."""
         texture = [line for line in self.lines if self._may_be_texture(line)]
         if self.is_named:
             return _ambiguous(texture, self._fastest) if texture else ()
-        hum = [line for line in self.lines if line not in texture]
+        hum = self.unnamed
         either = [line for line in texture if _is_where_mains_are(line)]
         return (
-            *(self._unnamed(hum) if hum else ()),
+            *(self._found(hum) if hum else ()),
             *(_hum_or_texture(either, self._fastest) if either else ()),
         )
 
@@ -79,15 +88,15 @@ class Hum(NamedTuple):
         is_wide_enough = line.half_Hz >= frequency * (fast - slow) / (fast + slow) / 2
         return bool(is_passed_on and is_wide_enough)
 
-    def _unnamed(self, lines: Sequence[MainsLine]) -> tuple[str, ...]:
+    def _found(self, lines: Sequence[MainsLine]) -> tuple[str, ...]:
         squares = np.sum([line.rms**2 for line in lines], axis=0)
         signal = self.recording.signal
         share = float(np.max(np.sqrt(squares) / np.nanstd(signal, axis=1)))
         listed = ", ".join(f"{line.frequency_Hz:.4g} Hz" for line in lines)
         return (
-            f"Hum stands out at {listed}, {share:.2g} of the signal's rms, and the skin passes on "
-            "no texture of that wavelength: without a name it is taken for traction or noise. Give "
-            f"{_setting(lines)}.",
+            f"Hum was found at {listed}, {share:.2g} of the signal's rms, where the skin transmits "
+            "no texture. It is estimated jointly with the traction. To confirm it, give "
+            f"{_setting(lines)}; if there is none, recording.mains_Hz=[].",
         )
 
 

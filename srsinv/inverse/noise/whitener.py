@@ -4,9 +4,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...numerics import FLAT, is_flat
-from ..line.gaps import BlockInverse, Gaps, conjugate_gradients
-from ..line.near_periodic import MOST_STEPS
-from ..line.problem import LineProblem
+from ..line.gaps import MOST_STEPS, BlockInverse, Gaps, conjugate_gradients
+from ..line.model import EstimateParts, LineModel
 from ..line.transforms import from_spectrum, to_spectrum
 
 TIGHT = 1e-12
@@ -17,7 +16,7 @@ Signal = Float[np.ndarray, "e n"]
 class NoisePrecision:
     """R^-1, R the covariance of the noise of a problem, its nuisance aside."""
 
-    def __init__(self, problem: LineProblem, gaps: Gaps):
+    def __init__(self, problem: LineModel, gaps: Gaps):
         self.gaps, self.n = gaps, problem.line.n
         self.precision = np.asarray(problem.whitener, float) ** 2
         self.scale, has_offset = problem.noise_scale, problem.has_free_offset
@@ -69,3 +68,13 @@ class NoisePrecision:
 
     def _times_precision(self, y: Signal) -> Signal:
         return from_spectrum(to_spectrum(y) * self.precision, self.n)
+
+
+def residual_squares(problem: LineModel, parts: EstimateParts) -> float:
+    """The residual's sum of squares in units of the noise, exact where samples are missing from
+    coloured noise too: a residual that is whitened with zeros in its gaps is not white then."""
+    if problem.observed is None or is_flat(np.asarray(problem.noise)[:, 1:]):
+        return float(parts.squares)
+    left = np.asarray(problem.data + problem.mean_signal, float) - np.asarray(parts.fitted, float)
+    left = np.where(problem.is_observed, left, 0.0)
+    return float(np.vdot(left, NoisePrecision(problem, Gaps.of(problem.is_observed))(left)))

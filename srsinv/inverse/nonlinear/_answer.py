@@ -121,9 +121,7 @@ class Fit:
         independent = freedom * independent_share(self.whitened)
         level_stderr = self.noise_level_stderr
         own = of_fit(self.known_chi2, independent, self.at_bound, self.undetermined, level_stderr)
-        unchecked = (
-            () if self.noise_rms is not None else unchecked_residual(self.known_chi2, freedom)
-        )
+        unchecked = () if self.noise_rms is not None else unchecked_residual(self.known_chi2)
         return (*own, *unchecked, *self.notes)
 
     @property
