@@ -400,6 +400,18 @@ def false_minimum(chi2_per_dof: float | None, degrees_of_freedom: float | int) -
     )
 
 
+def slope_by_differences(times_noise: float) -> tuple[str, ...]:
+    """Warning on a minimum in which differences of the model over steps still have a slope, so many
+    times the rms of that which noise makes, and more than chance does along one direction."""
+    if not times_noise**2 > chdtri(1, false_alarm.CHECK):
+        return ()
+    return (
+        "At the fit's minimum, differences of the model over whole steps still have a slope, "
+        f"{times_noise:.2g} times what noise makes: the model does not fit there, and standard "
+        "errors are too small. Check the model and the stated facts.",
+    )
+
+
 def direction_in_words(direction: Mapping[str, float]) -> str:
     """A direction in the space of the parameters, as moves by name."""
     return ", ".join(f"{name} {move:+.3g}" for name, move in direction.items())

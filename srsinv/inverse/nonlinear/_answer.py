@@ -314,7 +314,7 @@ class Summary:
     def _minimum(self, objective: Objective, ends: SearchEnd) -> _Minimum:
         z, solver = np.asarray(ends.z, float), self.solver
         eps = max(float(np.finfo(np.asarray(ends.z).dtype).eps), solver.derivative_rounding)
-        full = _terms(objective, ends)
+        full = terms_of(objective, ends)
         terms, jacobian = triangular(*full)
         rows = rows_of(objective, ends) if objective.is_robust else jacobian
         with np.errstate(all="ignore"):
@@ -386,7 +386,7 @@ def _rms(objective: Objective, ends: SearchEnd, freedom: int) -> float:
         return float(objective.scale) * float(np.linalg.norm(white)) / np.sqrt(max(freedom, 1))
 
 
-def _terms(objective: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
+def terms_of(objective: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndarray]:
     """The terms of the sum of squares, and their derivative."""
     if not objective.is_robust:
         return _with_priors(objective, ends, np.asarray(ends.white), np.asarray(ends.jacobian))
@@ -444,7 +444,7 @@ def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum)
         return Status.CONVERGED
     if not bool(ends.done):
         return Status.STEP_LIMIT
-    jacobian = _terms(objective, ends)[1]
+    jacobian = terms_of(objective, ends)[1]
     if _rounding_holds(terms, jacobian, held, ends, eps) or (
         # Differences of a discontinuous derivative give no second one.
         solver.derivative_rounding == 0

@@ -5,16 +5,14 @@ import dataclasses
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array
 
 from ...errors import refuse
-from ...grid import as_real
 from ..diagnostics import false_minimum
 from ._answer import Fit, Summary
+from ._differences import with_differences
 from ._loss import Loss
 from ._many import ends_of_many
 from ._parameters import Tree, on_host, parameters
@@ -87,9 +85,10 @@ def fit(
             if settled:
                 break
     ends = escape_saddle(objective, ends, *settings)
+    summary = Summary(objective, unknowns, level_known, solver)
     if steps:
-        ends = _differenced(objective, ends, steps)
-    return Summary(objective, unknowns, level_known, solver)(objective, jax.device_get(ends))
+        return with_differences(summary, objective, ends, steps)
+    return summary(objective, jax.device_get(ends))
 
 
 def fit_many(
@@ -171,23 +170,3 @@ def _level(objective: Objective, ends: SearchEnd) -> float:
         data, objective.whiten.observed(data.shape)
     )
     return float(max(level, rounding))
-
-
-def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
-    """The search's end with central differences in the Jacobian's columns of these parameters."""
-    names, jacobian = objective.layout.free_names, np.array(ends.jacobian)
-    for name, step in steps.items():
-        refuse(not step > 0, f"The step of {name} is {step!r}: give a number above 0.")
-        if name not in names:
-            continue
-        at = names.index(name)
-        off = np.zeros(ends.z.size)
-        off[at] = step
-        above, below = (_white_at(objective, ends.z, as_real(sign * off)) for sign in (1, -1))
-        jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
-    return ends._replace(jacobian=jnp.asarray(jacobian))
-
-
-@eqx.filter_jit
-def _white_at(objective: Objective, z, off):
-    return objective.white(z + off)[0]

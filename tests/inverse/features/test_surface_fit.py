@@ -118,6 +118,19 @@ def assert_found(ridges, y, fit, own, base):
 
 
 @pytest.mark.full
+def test_under_a_load_that_rises_a_ridge_is_a_doubtful_answer(ridges, in_noise):
+    """By 30 % along the scan, and in a fifth of the noise: the fit's minimum is one, though
+    differences over cells still have a slope in it."""
+    signal, _ = in_noise
+    y = signal * np.linspace(1.0, 1.3, TIME.size) + 0.2 * (noisy(signal, 5) - signal)
+    estimate = ridges({"it": RidgeFeature(EDGE)}, y)
+    assert estimate.status == "converged"
+    assert estimate.quality == "doubtful"
+    assert estimate.parameters["height_m"][0] == pytest.approx(1.15 * RIDGE["height_m"], rel=0.1)
+    assert np.isfinite(estimate.parameters["height_m"][1])
+
+
+@pytest.mark.full
 def test_the_noise_is_what_the_fit_leaves(in_noise):
     signal, estimate = in_noise
     levels, rms = estimate.levels, np.sqrt(np.mean(signal**2))

@@ -1,0 +1,98 @@
+"""A `Fit` with standard errors by central differences, for a model whose derivative jumps.
+
+The search goes by the model's own derivative: at its end the cost has no slope by that. Differences
+include how the model bends over their steps. They have a slope in the minimum itself, by as
+much as the residual bends alike: a little by noise, more where a stated fact is wrong. Such a slope
+does not show that the search stopped short. A lower cost along it does.
+"""
+
+import dataclasses
+from collections.abc import Mapping
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from ...errors import refuse
+from ...grid import as_real
+from ...numerics import orthonormal_basis
+from ...status import Status
+from ..diagnostics import slope_by_differences
+from ._answer import Fit, Summary, terms_of
+from ._search import Objective, SearchEnd
+
+FRACTIONS = (1.0, 0.5, 0.25)  # of the step to the differences' minimum, where the cost is tried
+
+
+def with_differences(
+    summary: Summary, objective: Objective, ends: SearchEnd, steps: Mapping[str, float]
+) -> Fit:
+    """The `Fit` at the end of a search, its errors by differences over `steps` by name.
+
+    Where these alone say that the search stopped short, and the cost does not, it has converged,
+    with a note where their slope is more than noise makes.
+    """
+    ends = jax.device_get(ends)
+    by_steps = jax.device_get(_differenced(objective, ends, steps))
+    found = summary(objective, by_steps)
+    if found.status is not Status.STALLED:
+        return found
+    own = summary(objective, ends)
+    if not own.converged or _falls(summary, objective, by_steps, found):
+        return found
+    distance = "distance_to_minimum"
+    chance = max(_distance_by_noise(objective, ends, by_steps), np.finfo(float).tiny)
+    notes = (*found.notes, *slope_by_differences(found.stats[distance] / chance))
+    stats = found.stats | {distance: own.stats[distance]}
+    return dataclasses.replace(found, status=own.status, stats=stats, notes=notes)
+
+
+def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
+    """The search's end with central differences in the Jacobian's columns of these parameters."""
+    names, jacobian = objective.layout.free_names, np.array(ends.jacobian)
+    for name, step in steps.items():
+        refuse(not step > 0, f"The step of {name} is {step!r}: give a number above 0.")
+        if name not in names:
+            continue
+        at = names.index(name)
+        off = np.zeros(ends.z.size)
+        off[at] = step
+        above, below = (_white_at(objective, ends.z, as_real(sign * off)) for sign in (1, -1))
+        jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
+    return ends._replace(jacobian=jnp.asarray(jacobian))
+
+
+def _falls(summary: Summary, objective: Objective, ends: SearchEnd, found: Fit) -> bool:
+    """Whether the cost is lower along the step to the differences' minimum, by more than from as
+    far from a minimum as a search may end: `near_enough` standard errors per root parameter."""
+    terms, jacobian = terms_of(objective, ends)
+    moving = np.array([name not in found.at_bound for name in found.names])
+    columns = np.linalg.norm(jacobian, axis=0)
+    columns = np.where(columns > 0, columns, 1.0)
+    unit_step = np.linalg.lstsq(np.where(moving, jacobian / columns, 0.0), -terms)[0]
+    step, unknowns = unit_step / columns, summary.unknowns
+
+    def cost_at(fraction: float) -> float:
+        z = np.clip(ends.z + fraction * step, unknowns.lower, unknowns.upper)
+        white = _white_at(objective, ends.z, as_real(z - ends.z))
+        there = terms_of(objective, ends._replace(z=z, white=white))[0]
+        return 0.5 * float(there @ there)
+
+    cost, freedom = 0.5 * float(terms @ terms), found.stats["degrees_of_freedom"]
+    variance = max(2 * cost / max(freedom, 1), 1.0 if summary.level_known else 0.0)
+    negligible = 0.5 * summary.solver.near_enough**2 * moving.sum() * variance
+    return min(map(cost_at, FRACTIONS)) < cost - negligible
+
+
+def _distance_by_noise(objective: Objective, ends: SearchEnd, by_steps: SearchEnd) -> float:
+    """The rms over noise of the differences' distance to their minimum, in standard errors, where
+    the model fits: the search leaves noise across its own derivative's columns alone."""
+    own, theirs = (orthonormal_basis(terms_of(objective, each)[1]) for each in (ends, by_steps))
+    across = theirs - own @ (own.T @ theirs)
+    return float(np.linalg.norm(across)) / np.sqrt(max(theirs.shape[1], 1))
+
+
+@eqx.filter_jit
+def _white_at(objective: Objective, z, off):
+    return objective.white(z + off)[0]
