@@ -70,9 +70,10 @@ def problem_of(
       `causes`: of coloured noise beside the white one.
     - the fact `ways` of the sidecar takes the passes of one direction of motion, `onwards` or
       `back`.
-    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a random walk (where no
-      lines are named, those that are no texture are added, with a warning), and `quiet_s` names stretches from which the noise is taken; what `detrend`, `high_pass_Hz` and
-      `notch_Hz` take out of the signal is warned of.
+    - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a drift (where no lines
+      are named, those that are no texture are added, with a warning), and `quiet_s` names stretches
+      from which the noise is taken; what `detrend`, `high_pass_Hz` and `notch_Hz` take out of the
+      signal is warned of.
     - `operator`: how the sensor's response is known; None: by its theory. A measured kernel stands
       in place of the films' and of what a calibration found, errors included.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
@@ -165,6 +166,7 @@ def _with_drift(recording: Recording, noise: SampleNoise) -> SampleNoise:
         noise.is_estimate,
         drift.tolist(),
         level_stderr=noise.level_stderr,
+        is_drift_found=given == "auto",
     )
 
 

@@ -18,7 +18,7 @@ from ..recording.passes import Pass, is_within, passes_of
 from .gridding.cells import Window, window_around
 from .gridding.on_cells import SampledSignals, aligned, on_cells
 from .line.problem import LineProblem
-from .noise.correlated import with_correlated_noise
+from .noise.correlated import with_found_noise
 from .noise.model import SampleNoise, Samples
 from .nonlinear import WithNuisance
 from .rig.error import SensorError
@@ -213,11 +213,19 @@ class Problem(eqx.Module):
 
         Cells are the problem's own `cell_m` wide, or else as given here, or else a sixteenth of the
         depth at most. Where the motion turns its passes are averaged (see gridding/passes.py), and
-        each element is there once for each direction; q is that of sliding towards +x. White noise
-        whose level is an estimate is estimated anew, with a part that is correlated along the scan
-        (see noise/correlated.py). Raises `BadInput` for a scan shorter than three cells.
+        each element is there once for each direction; q is that of sliding towards +x. Noise
+        whose level is an estimate is estimated anew, with parts that are correlated along the scan
+        and that drift (see noise/correlated.py). Raises `BadInput` for a scan shorter than three
+        cells.
         """
-        on = on_cells(self._sampled, self.window_m, self.cell_m or cell_m, self.direction)
+        noise, is_drifting = self.noise, self.noise.is_drift_found
+        is_estimate = (
+            noise.is_estimate and not noise.causes and (is_drifting or not noise.has_drift)
+        )
+        sampled = self._sampled
+        if is_estimate:
+            sampled = sampled._replace(noise=noise.without_drift)
+        on = on_cells(sampled, self.window_m, self.cell_m or cell_m, self.direction)
         grid = LineProblem.of_sensor(
             on.line,
             on.sensor,
@@ -238,9 +246,9 @@ class Problem(eqx.Module):
             modulus_Pa=self.modulus_Pa,
             warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )
-        if not self.noise.is_estimate or self.noise.causes or self.noise.has_drift:
+        if not is_estimate:
             return grid
-        return with_correlated_noise(grid, float(self.sensor.depth_m))
+        return with_found_noise(grid, float(self.sensor.depth_m), is_drifting)
 
     def of_direction(self, is_onwards: bool) -> "Problem":
         """The same problem, on a line by the passes towards +x alone, or towards -x."""

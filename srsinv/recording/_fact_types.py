@@ -107,7 +107,10 @@ Gain = Annotated[
 ]
 Mains = Annotated[
     list[float] | float | str | None,
-    _wanted("auto, or the frequencies of lines in Hz", lambda v: v == "auto" or _is_frequencies(v)),
+    _wanted(
+        "auto, or the frequencies of lines in Hz",
+        lambda v: v in ("auto", []) or _is_frequencies(v),
+    ),
 ]
 Frequencies = Annotated[
     list[float] | float | None,

@@ -50,6 +50,8 @@ class SampleNoise(eqx.Module):
       is named a fit may then estimate it, and what is correlated along the motion, from its
       residual.
     - `level_stderr`: relative standard error of the white levels.
+    - `is_drift_found`: whether the drift was looked for in the recording; on cells its level is
+      then estimated anew, with the traction.
 
     Raises `BadInput` for levels that are not above zero, and other numbers below it.
     """
@@ -60,6 +62,7 @@ class SampleNoise(eqx.Module):
     causes: Mapping[str, Noise]
     is_estimate: bool = eqx.field(static=True)
     level_stderr: float = eqx.field(static=True)
+    is_drift_found: bool = eqx.field(static=True)
 
     def __init__(
         self,
@@ -69,8 +72,9 @@ class SampleNoise(eqx.Module):
         drift: Any = 0.0,
         drift_time_s: Any = np.inf,
         level_stderr: float = LEVEL_STDERR,
+        is_drift_found: bool = False,
     ):
-        self.level_stderr = float(level_stderr)
+        self.level_stderr, self.is_drift_found = float(level_stderr), bool(is_drift_found)
         wanted = "a positive number in the signal's unit"
         self.white = as_real(
             [number("the noise's rms", each, wanted, above=0) for each in _each(rms)]
@@ -88,6 +92,11 @@ class SampleNoise(eqx.Module):
     def rms(self) -> float:
         """The white noise's rms over all elements."""
         return float(np.sqrt(np.mean(np.asarray(self.white) ** 2)))
+
+    @property
+    def without_drift(self) -> "SampleNoise":
+        """The same noise without what drifts."""
+        return with_fields(self, drift=(0.0,), drift_time_s=(np.inf,))
 
     @property
     def has_drift(self) -> bool:
@@ -132,7 +141,7 @@ class SampleNoise(eqx.Module):
         is_walk = self._is_walk(line, scan)
         step_s = float(line.cell_m) / abs(float(scan.speed_m_per_s))
         rows = [
-            _of_walk(line.n, rate * np.sqrt(step_s)) if walks
+            of_walk(line.n, rate * np.sqrt(step_s)) if walks
             else _of_forgetful(line.n, rate, time_s, step_s, max(round(samples), 1))
             for rate, time_s, walks in zip(self.drift, self.drift_time_s, is_walk, strict=True)
         ]  # fmt: skip
@@ -218,7 +227,7 @@ def _each(values: Any) -> Any:
     return values if isinstance(values, list | tuple) or np.ndim(values) else [values]
 
 
-def _of_walk(n: int, step: float) -> Float[np.ndarray, " k"]:
+def of_walk(n: int, step: float) -> Float[np.ndarray, " k"]:
     """The power of a random walk of so much from cell to cell, less its trend: that of one around a
     circle. The mean has the variance of that of a walk that begins at zero, the trend's aside."""
     power = np.full(n // 2 + 1, step**2 * n**2 / 12)

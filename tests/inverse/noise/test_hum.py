@@ -12,7 +12,7 @@ from srsinv.recording import Recording
 
 RATE_HZ, COUNT = 2000.0, 4000
 TIME_S = np.arange(COUNT) / RATE_HZ
-UNNAMED, AMBIGUOUS, EITHER = "Hum stands out", "may be a texture", "may be hum or a texture"
+UNNAMED, AMBIGUOUS, EITHER = "Hum was found", "may be a texture", "may be hum or a texture"
 
 
 def problem(hum=0.0, speed=0.02, frequency_Hz=50.0, varying=0.0, seed=0, noise=0.01, **facts):
@@ -39,11 +39,18 @@ def says(problem, words):
 
 
 @pytest.mark.parametrize("frequency_Hz", [50.0, 60.07])
-def test_unnamed_hum_is_named_with_its_setting(frequency_Hz):
-    (warning,) = (
-        each for each in problem(0.05, frequency_Hz=frequency_Hz).warnings if UNNAMED in each
-    )
+def test_unnamed_hum_is_estimated_and_named_with_its_setting(frequency_Hz):
+    found = problem(0.05, frequency_Hz=frequency_Hz)
+    (line,) = found.mains
+    assert abs(line.frequency_Hz - frequency_Hz) < 0.2
+    (warning,) = (each for each in found.warnings if UNNAMED in each)
     assert f"recording.mains_Hz=[{frequency_Hz:.0f}]" in warning
+
+
+def test_hum_may_be_said_not_to_be_there():
+    none = problem(0.05, mains_Hz=[])
+    assert not none.mains
+    assert not says(none, UNNAMED)
 
 
 def test_named_hum_says_nothing():

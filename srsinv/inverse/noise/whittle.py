@@ -1,0 +1,311 @@
+"""The likelihood of signals on cells under a prior of the traction and noise of several parts.
+
+The signals of all elements have at the wavenumber k the covariance
+
+    C(k) = G(k) S(k) G(k)^H + diag(w_e + s_e / (1/l^2 + k^2) + d_e / k^2),
+
+S = R (1 + (k a)^2)^-b the spectra of p and q with their cross spectrum, w_e of white noise, s_e of
+noise that is correlated as exp(-|x|/l), and d_e of a random walk. Their tapered spectra P(k) have
+Whittle's likelihood, -sum_k (log det C + tr C^-1 P) (Whittle 1953, Biometrika 40, 337), which a
+constant and a trend taken out make a restricted one.
+"""
+
+import itertools
+from collections.abc import Iterator
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+from jaxtyping import Complex, Float
+
+from ...recording.noise import ABOVE_CUTOFF, LONG_GAP, filled
+from ..line.problem import LineProblem
+from .nuisance import scored
+
+BAND = 0.08  # of k z: over it the skin's response changes by a sixth
+WIDE = 0.1  # of k: a band's width where noise is all there is
+SHORTEST = 64  # cells: a shorter stretch has hardly a wave between its length and the depth
+FIRST = 1.5  # waves of a stretch's length: longer ones go with its trend
+HANN = 1.5  # wavenumbers of a stretch that a Hann taper makes one of
+TAIL, WALK = 6.0, 1.0  # k z at which the powers of these parts are parameters
+STEPS, LONGEST_STEP = 100, 4.0
+# Slope by the logarithm of a level at which a search ends; a wavenumber alone makes about one. It
+# does not end where values hardly change: there rounding, and so the processor, would decide.
+FLAT = 1e-2
+
+
+class CellSignals(NamedTuple):
+    """Signals on cells in units of their white noise, NaN where they are missing.
+
+    - `data` (e, n); `gain` (e, c, k): the model's at `kz` (k,), the wavenumbers in units of the
+      inverse depth. `white` (e,): the white noise's power in a cell; `cell`: its width in depths.
+    - `stretches`: [start, stop) where all elements are there, short gaps aside.
+    """
+
+    data: Float[np.ndarray, "e n"]
+    gain: Complex[np.ndarray, "e c k"]
+    kz: Float[np.ndarray, " k"]
+    white: Float[np.ndarray, " e"]
+    cell: float
+    stretches: list[tuple[int, int]]
+
+    @classmethod
+    def of(cls, problem: LineProblem, depth_m: float) -> "CellSignals":
+        """Those of a problem, its nuisance taken out."""
+        problem = scored(problem)
+        white = np.asarray(problem.noise, float)[:, -1]
+        white = np.broadcast_to(white, len(problem.data)).copy()
+        if problem.noise_scale is not None:
+            squares = np.where(problem.is_observed, np.asarray(problem.noise_scale) ** 2, 0.0)
+            white *= squares.sum(axis=1) / np.maximum(problem.is_observed.sum(axis=1), 1)
+        level = np.sqrt(white)[:, None]
+        data = np.where(problem.is_observed, np.asarray(problem.data, float) / level, np.nan)
+        gain = np.asarray(problem.forward.circulant().transfer, complex) / level[:, None]
+        kz = np.asarray(problem.line.k, float) * depth_m
+        cell = float(problem.line.cell_m) / depth_m
+        return cls(data, gain, kz, white, cell, list(_stretches(data)))
+
+    def filled(self, start: int, stop: int) -> Float[np.ndarray, "e cell"]:
+        """A stretch, its short gaps filled."""
+        return np.stack([filled(row[start:stop]) for row in self.data])
+
+    def spectra(self) -> Complex[np.ndarray, "e e k"]:
+        """The power of all stretches, tapered, a constant and a trend taken out of each, at the
+        wavenumbers of the whole line; of white noise of one it is one."""
+        total, squares = 0.0, 0.0
+        for start, stop in self.stretches:
+            taper, slope = np.hanning(stop - start + 2)[1:-1], np.linspace(-1, 1, stop - start)
+            shapes = np.stack([taper, taper * slope])
+            rows = self.filled(start, stop) * taper
+            rows = rows - rows @ np.linalg.pinv(shapes) @ shapes
+            whole = np.zeros(self.data.shape)
+            whole[:, start:stop] = rows
+            spectrum = np.fft.rfft(whole)
+            total = total + spectrum[:, None] * spectrum[None].conj()
+            squares += float(taper @ taper)
+        return np.asarray(total / squares)
+
+
+def _stretches(data: Float[np.ndarray, "e n"]) -> Iterator[tuple[int, int]]:
+    at = np.flatnonzero(np.isfinite(data).all(axis=0))
+    if not at.size:
+        return
+    cuts = np.flatnonzero(np.diff(at) > LONG_GAP + 1)
+    for start, stop in zip(at[np.append(0, cuts + 1)], at[np.append(cuts, -1)] + 1, strict=True):
+        if stop - start >= SHORTEST:
+            yield int(start), int(stop)
+
+
+class Bands(NamedTuple):
+    """Spectra in bands of wavenumbers, in units of the white noise: of the signals (b, e, e) and of
+    the model (b, e, c), at `kz` (b,), each of `weight` (b,) independent wavenumbers."""
+
+    kz: Float[np.ndarray, " b"]
+    weight: Float[np.ndarray, " b"]
+    power: Complex[np.ndarray, "b e e"]
+    gain: Complex[np.ndarray, "b e c"]
+    cell: float
+
+    @classmethod
+    def of(cls, signals: CellSignals) -> "Bands":
+        """Those of signals that have a stretch."""
+        lengths = [stop - start for start, stop in signals.stretches]
+        edges = _edges(signals.kz, 2 * np.pi * FIRST / (max(lengths) * signals.cell))
+        each = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
+        middle = [(own.start + own.stop - 1) // 2 for own in each]
+        independent = sum(lengths) / signals.data.shape[1] / HANN
+        spectra = signals.spectra()
+        return cls(
+            signals.kz[middle],
+            np.array([own.stop - own.start for own in each]) * independent,
+            np.stack([spectra[..., own].mean(axis=-1) for own in each]),
+            np.moveaxis(signals.gain[..., middle], -1, 0),
+            signals.cell,
+        )
+
+
+def _edges(kz: Float[np.ndarray, " k"], first: float) -> list[int]:
+    """Where bands begin, and the last one ends."""
+    at = int(np.searchsorted(kz, first))
+    edges = [at]
+    while at < kz.size:
+        width = BAND if kz[at] < ABOVE_CUTOFF else WIDE * kz[at]
+        at = max(int(np.searchsorted(kz, kz[at] + width)), at + 1)
+        edges.append(at)
+    return edges
+
+
+class Parameters(NamedTuple):
+    """The model's parameters: logarithms of the prior's levels (c,), its length and slope (1,), of
+    the white noise (e,), of the correlated part (e,) at `TAIL` and its memory (1,), and of the walk
+    (e,) at `WALK`; `coupling` (1,), the area tangent of p's and q's coherence. Those of parts that
+    are not in the model are empty. Powers are in units of a first guess."""
+
+    level: Any
+    coupling: Any
+    length: Any
+    slope: Any
+    white: Any
+    tail: Any
+    memory: Any
+    walk: Any
+
+
+# Standard deviations of Gaussian priors about zero, so wide that they decide only where the data do
+# not.
+WIDTHS = Parameters(6.0, 2.0, 2.0, 0.5, 0.5, 10.0, 1.5, 10.0)
+START = {"tail": 1.0, "memory": -1.0, "walk": 4.0}
+AS_PROBABLE = 2.0  # in the logarithm of likelihood, which one more parameter makes once in twenty
+RAISED, MOST_RAISED = 1.0, 30  # logarithm of a walk's power, by steps
+
+
+class Likelihood:
+    """Minus the logarithm of the likelihood of bands and of its priors, with its slopes; of noise
+    with a correlated part (`has_tail`) and with a walk (`has_walk`), or without."""
+
+    def __init__(self, bands: Bands, has_tail: bool, has_walk: bool):
+        self._bands = bands
+        self._elements, self._unknowns = e, c = bands.gain.shape[1:]
+        self._sizes = Parameters(
+            c, int(c == 2), 1, 1, e, e * has_tail, int(has_tail), e * has_walk
+        )  # fmt: skip
+        own = np.einsum("bee->b", bands.power).real - e
+        signal = max(float(bands.weight @ np.maximum(own, 0.0)), 1e-3)
+        gains = np.sum(np.abs(bands.gain) ** 2, axis=1) / (1 + bands.kz[:, None] ** 2)
+        self._unit = signal / np.maximum(bands.weight @ gains, np.finfo(float).tiny)
+        self._width = self._row(WIDTHS)
+
+    def greatest(self, alone: Parameters | None = None) -> tuple[float, Parameters]:
+        """Minus the logarithm of the greatest likelihood, and its parameters; `alone`: those of
+        fewer parts, to start from."""
+        first = Parameters(*np.zeros(len(WIDTHS))) if alone is None else alone
+        return self._search(self._row(first._replace(**START)))
+
+    def with_most_walk(self, of: Parameters, cost: float) -> Parameters:
+        """The parameters with as large a walk as the signals do not speak against, from those of
+        the greatest likelihood and minus its logarithm."""
+        for _ in range(MOST_RAISED):
+            raised = of._replace(walk=of.walk + RAISED)
+            more, found = self._search(np.concatenate(raised), holds_walk=True)
+            if more - cost > AS_PROBABLE:
+                break
+            of = found
+        return of
+
+    def _search(
+        self, start: Float[np.ndarray, " m"], holds_walk: bool = False
+    ) -> tuple[float, Parameters]:
+        """Minus the logarithm of the greatest likelihood, and its parameters, from a start on; the
+        walk, which comes last, is as it starts where it is held."""
+        free = start.size - self._sizes.walk * holds_walk
+
+        @lru_cache(maxsize=2)
+        def at(x: tuple[float, ...]) -> tuple[float, np.ndarray, np.ndarray]:
+            value, slope, curvature = self(np.append(x, start[free:]))
+            return value, slope[:free], curvature[:free, :free]
+
+        end = scipy.optimize.minimize(
+            lambda x: at(tuple(x))[0],
+            start[:free],
+            jac=lambda x: at(tuple(x))[1],
+            hess=lambda x: at(tuple(x))[2],
+            method="trust-exact",
+            options={"gtol": FLAT, "maxiter": STEPS, "max_trust_radius": LONGEST_STEP},
+        )
+        return float(end.fun), self._parted(np.append(end.x, start[free:]))
+
+    def __call__(
+        self, x: Float[np.ndarray, " m"]
+    ) -> tuple[float, Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+        """The value, its slope, and its curvature as expected (Fisher's information)."""
+        weight, of = self._bands.weight, self._parted(x)
+        covariance, changes = self._covariance(of)
+        inverse = np.linalg.inv(covariance)
+        fitted = inverse @ self._bands.power
+        logs = np.linalg.slogdet(covariance)[1] + np.einsum("bee->b", fitted).real
+        moved = inverse @ changes
+        rows = moved.reshape(x.size, -1)
+        columns = (weight[:, None, None] * moved).swapaxes(-1, -2).reshape(x.size, -1)
+        left = weight[:, None, None] * (np.eye(self._elements) - fitted.swapaxes(-1, -2))
+        slope = np.einsum("mbef,bef->m", moved, left).real
+        value = float(weight @ logs + np.sum((x / self._width) ** 2) / 2)
+        curvature = (rows @ columns.T).real + np.diag(1 / self._width**2)
+        return value, slope + x / self._width**2, curvature
+
+    def _covariance(
+        self, of: Parameters
+    ) -> tuple[Complex[np.ndarray, "b e e"], Complex[np.ndarray, "m b e e"]]:
+        """The signals' covariance, and its derivatives by the parameters."""
+        gain, kz, e, c = self._bands.gain, self._bands.kz, self._elements, self._unknowns
+        root, (shape, by_shape) = self._root(of), prior_shape(of, kz)
+        scales = np.sqrt(np.diag(root))
+        # Half of the signal of each component with all others, and the friction between two.
+        parts = [np.where(np.arange(c) == own, root.T, 0.0).T / 2 for own in range(c)]
+        parts = [part + part.T for part in parts]
+        if c == 2:
+            cross = scales[0] * scales[1] * (1 - np.tanh(of.coupling[0]) ** 2)
+            parts.append(cross * (1 - np.eye(2)))
+        by_root = np.einsum("bec,mcd,bfd,b->mbef", gain, np.stack(parts), gain.conj(), shape)
+        signal = by_root[:c].sum(axis=0)
+        rate = np.exp(-2 * np.sum(of.memory))
+        by_memory = 2 * rate * (1 / (rate + self._waves(kz)) - 1 / (rate + TAIL**2))
+        each = np.eye(e)[:, None, :, None] * np.eye(e)
+        white, tail, walk = (
+            each * np.broadcast_to(part, (kz.size, e))[..., None] for part in self.noise(of, kz)
+        )
+        changes = np.concatenate([
+            by_root, *(signal[None] * own[None, :, None, None] for own in by_shape.T), white,
+            tail[: of.tail.size],
+            *[[tail.sum(axis=0) * by_memory[:, None, None]]] * of.memory.size,
+            walk[: of.walk.size],
+        ])  # fmt: skip
+        return signal + (white + tail + walk).sum(axis=0), changes
+
+    def signal(
+        self, of: Parameters, kz: Float[np.ndarray, " k"], gain: Complex[np.ndarray, "k e c"]
+    ) -> Float[np.ndarray, "k e"]:
+        """The power of the traction's signals under the prior."""
+        root, (shape, _) = self._root(of), prior_shape(of, kz)
+        return np.einsum("kec,cd,ked,k->ke", gain, root, gain.conj(), shape).real
+
+    def noise(self, of: Parameters, kz: Float[np.ndarray, " k"]) -> list[np.ndarray]:
+        """The power (#k, #e) of each part of the noise."""
+        waves, rate = self._waves(kz)[:, None], np.exp(-2 * np.sum(of.memory))
+        none = np.zeros((1, 1))
+        tail = np.exp(of.tail) * (rate + TAIL**2) / (rate + waves) if of.tail.size else none
+        walk = np.exp(of.walk) * WALK**2 / waves if of.walk.size else none
+        return [np.exp(of.white)[None], tail, walk]
+
+    def _waves(self, kz: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
+        """k^2 of differences between cells."""
+        cell = self._bands.cell
+        return (2 / cell * np.sin(np.clip(kz * cell, 1e-9, np.pi) / 2)) ** 2
+
+    def _root(self, of: Parameters) -> Float[np.ndarray, "c c"]:
+        scale = np.sqrt(self._unit * np.exp(of.level))
+        coherence = np.eye(self._unknowns)
+        if of.coupling.size:
+            coherence = coherence + np.tanh(of.coupling) * (1 - coherence)
+        return np.outer(scale, scale) * coherence
+
+    def _parted(self, x: Float[np.ndarray, " m"]) -> Parameters:
+        return Parameters(*np.split(x, np.cumsum(self._sizes)[:-1]))
+
+    def _row(self, values: Parameters) -> Float[np.ndarray, " m"]:
+        """One number for all parameters of each kind, or one for each."""
+        return np.concatenate(
+            [np.broadcast_to(v, n) for n, v in zip(self._sizes, values, strict=True)]
+        )
+
+
+def prior_shape(
+    of: Parameters, kz: Float[np.ndarray, " k"]
+) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 2"]]:
+    """The prior's shape, one at k z = 1, and the slopes of its logarithm by the logarithms of a and
+    b."""
+    square, slope = np.exp(2 * of.length), np.exp(of.slope)
+    waves = square * kz**2
+    logs = -slope * (np.log1p(waves) - np.log1p(square))
+    by_length = -2 * slope * (waves / (1 + waves) - square / (1 + square))
+    return np.exp(logs), np.stack([by_length, logs], axis=1)
