@@ -14,5 +14,5 @@ CHANNEL = 1e-3  # of a sound channel, for each finding
 DRIFT = 1e-3  # of white noise, for each element
 DRIFT_WHERE_NAMED = 0.2  # of white noise, where the user says that there is a drift
 MAINS_LINE = 1e-6  # of noise, for each line that is looked for
-NOISE_PART = 1e-3  # of white noise, for each further part of it that is looked for
+NOISE_PART = 1e-3  # of white noise, that a correlated part or a trend is found beside it
 NOISE_LEVELS = 1e-4  # of elements with the same noise level

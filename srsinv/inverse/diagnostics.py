@@ -342,6 +342,17 @@ def missing(fraction: float) -> Sequence[str]:
     )
 
 
+def raised_weights(decades: float) -> Sequence[str]:
+    """Warning on weights that are so many decades above those chosen."""
+    if not decades:
+        return ()
+    return (
+        f"The weights are 10^{decades:.0f} times those that the rule chose, under which rounding "
+        "would decide on the answer: the signal is not that of the model. Check the elements' "
+        "angles, depths, offsets and gains, and hum.",
+    )
+
+
 def undetermined_weights(status: Status) -> Sequence[str]:
     """Warning on weights that a rule failed to choose."""
     if status.is_answer:

@@ -13,11 +13,11 @@ from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
 from ..status import Status
 from .diagnostics import undetermined_weights
-from .estimate import Estimate, Numbers
+from .estimate import Estimate, Numbers, TractionEstimate
 from .line.prior import Prior
 from .line.problem import LineProblem
 from .line.rule import Choice, Evidence, Rule, to_score
-from .line.solve import PATHS, Family, Scorer, choose_path, solve
+from .line.solve import PATHS, Family, Scorer, choose_path, conditioned, solve
 from .line.spectral import square, white_model
 from .method import Method
 from .problem import Problem
@@ -116,10 +116,24 @@ class Tikhonov(Method):
         """Estimate of p and q, with the weights that were given or chosen in its stats."""
         problem = problem.to_grid()
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
-        rule, status, weights = "given", Status.GIVEN, _known(given)
-        if weights is None:
-            choice = self._choose(problem, given)
-            rule, status, weights = self.rule.name, choice.status, 10.0**choice.log_weights
+        known = _known(given)
+        if known is not None:
+            return self._solved(problem, known, "given", Status.GIVEN)
+        choice = self._choose(problem, given)
+        is_free = np.array([weight is None for weight in given])
+        return conditioned(
+            lambda decades: self._solved(
+                problem,
+                10.0 ** (choice.log_weights + decades * is_free),
+                self.rule.name,
+                choice.status,
+            )
+        )
+
+    def _solved(
+        self, problem: LineProblem, weights: Float[Numbers, " c"], rule: str, status: Status
+    ) -> TractionEstimate:
+        """The estimate of these weights."""
         prior = DerivativePenalty(weights, self.length_m, self.order)
         stats = {"method": "tikhonov", "order": self.order, "rule": rule, "rule_status": status}
         stats |= {

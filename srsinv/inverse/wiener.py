@@ -14,11 +14,11 @@ from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..status import Status
 from .diagnostics import undetermined_weights
-from .estimate import Estimate, Numbers
+from .estimate import Estimate, Numbers, TractionEstimate
 from .line.prior import Prior
 from .line.problem import LineProblem
 from .line.rule import Evidence, to_score
-from .line.solve import PATHS, Family, Scorer, solve
+from .line.solve import PATHS, Family, Scorer, conditioned, solve
 from .method import Method
 from .problem import Problem
 
@@ -139,11 +139,19 @@ class Wiener(Method):
         """Posterior mean and standard error of p and q."""
         problem = problem.to_grid()
         power = self.spectra(problem)
+        if self.scale == "given":
+            return self._solved(problem, power, Status.GIVEN)
+        scale, status = _likely_scale(problem, power, self.path)
+        return conditioned(
+            lambda decades: self._solved(problem, scale[:, None] * power / 10**decades, status)
+        )
+
+    def _solved(
+        self, problem: LineProblem, power: Float[Array, "c k"], status: Status
+    ) -> TractionEstimate:
+        """The estimate of these spectra."""
         stats: dict = {"method": "wiener", "scale": self.scale}
-        status = Status.GIVEN
         if self.scale == "evidence":
-            scale, status = _likely_scale(problem, power, self.path)
-            power = scale[:, None] * power
             stats["scale_rule"] = status
         stats |= {
             f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))

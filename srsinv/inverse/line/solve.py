@@ -23,7 +23,7 @@ from jaxtyping import Float
 from ...errors import refuse
 from ...status import Status
 from .. import diagnostics
-from ..estimate import COMPONENTS, Numbers, TractionEstimate
+from ..estimate import COMPONENTS, Estimate, Numbers, TractionEstimate
 from ..noise.levels import at_one_level
 from ..noise.nuisance import scored
 from . import direct, iterative, near_periodic, spectral
@@ -40,6 +40,7 @@ DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not cho
 # own the weakest traction is less than its tolerance of the whole.
 TRUSTED = {"float64": 6e11, "float32": 1.7e4}
 TRUSTED_ITERATIVE = 1e11
+RAISED = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # decades, by which chosen weights are raised
 PATHS = ("auto", "spectral", "direct", "iterative")
 TOGETHER = 3  # weights that are scored at once
 BATCH = 21  # weights of one call at least, more than in a rule's first scan: one program serves all
@@ -80,6 +81,18 @@ def solve(
         elif not problem.separable:
             status = _trusted(solution, TRUSTED_ITERATIVE)
     return _estimate(problem, answer_of(problem, prior, solution), status, stats, warnings)
+
+
+def conditioned(attempt: Callable[[float], Estimate]) -> Estimate:
+    """The estimate whose weights are raised by the fewest decades that `attempt` solves: rounding
+    bounds how weak a prior may be, and a recording is to have an answer."""
+    first, *others = RAISED
+    decades, estimate = first, attempt(first)
+    for more in others:
+        if estimate.status not in (Status.ILL_CONDITIONED, Status.STEP_LIMIT):
+            break
+        decades, estimate = more, attempt(more)
+    return estimate.with_warnings(diagnostics.raised_weights(decades))
 
 
 def _trusted(solution: Solution, most: float) -> Status:

@@ -68,9 +68,9 @@ class CellNoise(NamedTuple):
             )
         if self.walk.any():
             words.append(
-                "A drift was found at waves so long that no traction makes it. It is estimated "
-                "jointly with the traction, of which long waves are uncertain. Scan back and "
-                "forth to tell the two apart."
+                "A drift is estimated jointly with the traction, of which long waves are uncertain: "
+                "what may be drift is not taken for traction. Scan back and forth to tell the two "
+                "apart."
             )
         if self.trend.any():
             words.append(
@@ -98,8 +98,8 @@ def with_found_noise(
     changed = {"noise": jnp.asarray(power, problem.noise.dtype)}
     if found.has_trend:
         own = _trend_columns(problem, SMOOTH if is_drifting else STRAIGHT)
-        both = own if problem.nuisance is None else [np.asarray(problem.nuisance), own]
-        columns = own if problem.nuisance is None else np.concatenate(both, axis=1)
+        others = [] if problem.nuisance is None else [np.asarray(problem.nuisance)]
+        columns = np.concatenate([*others, own], axis=1)
         changed["nuisance"] = jnp.asarray(columns, problem.data.dtype)
     return with_fields(problem, **changed, warnings=(*problem.warnings, *found.warnings))
 
@@ -112,7 +112,7 @@ def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) 
         return None
     likelihood, of = _likeliest(Bands.of(signals), is_drifting)
     trend = _trend(signals, likelihood, of, problem.has_free_offset)
-    has_trend = is_drifting or bool(of.walk.size) or bool(trend.any())
+    has_trend = is_drifting or bool(trend.any())
     if not (of.tail.size or has_trend):
         return None
     return _found(signals, likelihood, of, depth_m, trend, has_trend)
@@ -121,24 +121,17 @@ def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) 
 def _likeliest(bands: Bands, is_drifting: bool) -> tuple[Likelihood, Parameters]:
     """The parts of the noise that the signals speak for, and their parameters.
 
-    Of a part, chance makes more than g in the likelihood's logarithm with a probability of about
-    e^-g. A walk that is known to be there is as large as it may be: what may be drift is not to be
-    taken for traction.
+    Of a correlated part, chance makes more than g in the likelihood's logarithm with a probability
+    of about e^-g. A walk is there where a drift is known to be, and as large as it may be: what may
+    be drift is not to be taken for traction. Else a long memory fits as well as a walk does.
     """
 
-    def tried(has_tail: bool, has_walk: bool, start: Parameters | None = None):
-        likelihood = Likelihood(bands, has_tail, has_walk)
-        cost, of = likelihood.greatest(start)
-        return cost - (has_tail + has_walk) * np.log(false_alarm.NOISE_PART), likelihood, of, cost
-
-    ends = [tried(False, is_drifting)]
-    first = ends[0][2]
-    ends.append(tried(True, is_drifting, first))
-    if not is_drifting:
-        ends.append(tried(False, True, first))
-        if min(ends, key=lambda end: end[0]) is not ends[0]:
-            ends.append(tried(True, True, first))
-    _, likelihood, of, cost = min(ends, key=lambda end: end[0])
+    likelihood = Likelihood(bands, False, is_drifting)
+    cost, of = likelihood.greatest()
+    correlated = Likelihood(bands, True, is_drifting)
+    less, other = correlated.greatest(of)
+    if cost - less > -np.log(false_alarm.NOISE_PART):
+        likelihood, cost, of = correlated, less, other
     return likelihood, likelihood.with_most_walk(of, cost) if is_drifting else of
 
 
