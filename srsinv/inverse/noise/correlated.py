@@ -68,8 +68,8 @@ class CellNoise(NamedTuple):
             )
         if self.walk.any():
             words.append(
-                "A drift is estimated jointly with the traction, of which long waves are uncertain: "
-                "what may be drift is not taken for traction. Scan back and forth to tell the two "
+                "A drift is estimated jointly with the traction, and what may be drift is not taken "
+                "for traction: its long waves are uncertain. Scan back and forth to tell the two "
                 "apart."
             )
         if self.trend.any():
