@@ -11,6 +11,7 @@ BLOCK = 1e-3  # of noise alone, over all blocks of a recording: a block above th
 PASSES = 1e-3  # of passes that differ by noise alone: a shift, a gain of its own, a scatter
 DIRECTIONS = 1e-3  # of a pressure that is the same in both directions of motion
 CHANNEL = 1e-3  # of a sound channel, for each finding
+OUTLIER = 1e-3  # of a recording in normal noise, over all its samples
 DRIFT = 1e-3  # of white noise, for each element
 DRIFT_WHERE_NAMED = 0.2  # of white noise, where the user says that there is a drift
 MAINS_LINE = 1e-6  # of noise, for each line that is looked for

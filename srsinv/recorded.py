@@ -27,13 +27,13 @@ from .inverse.rig.error import RigError
 from .inverse.rig.wiring import element_findings
 from .recording import Recording
 from .recording._speed import position_step
-from .recording.channels import channel_findings
 from .recording.drift import drift_of, shared_levels
 from .recording.even import VOLTS, check_volts, on_even_times
 from .recording.mains import MainsLine, mains_lines
 from .recording.noise import ABOVE_CUTOFF, level_stderr, white_levels
 from .recording.passes import go_both_ways, passes_of, with_backlash
 from .recording.preparation import preparation_warnings, prepare
+from .recording.unusable import without_unusable
 
 LEAST_STEP = 1e-4  # of the depth: positions that are rounded to less move nothing
 MOST_DRIFT = 1e4  # in a second, of the largest sample: more is another unit
@@ -68,6 +68,8 @@ def problem_of(
     - `sensor`: None takes it from the sidecar: see `sensor_of`.
     - `noise`: None takes the white noise's level from wavenumbers that the skin does not transmit;
       `causes`: of coloured noise beside the white one.
+    - samples that are stuck, clipped or stand out of the noise are missing, with a warning; the
+      fact `unusable` keeps them.
     - the fact `ways` of the sidecar takes the passes of one direction of motion, `onwards` or
       `back`.
     - the facts `mains_Hz` and `drift` of the sidecar add lines of mains and a drift (where no lines
@@ -86,6 +88,7 @@ def problem_of(
     sensor = sensor_of(recording) if sensor is None else sensor
     _check_elements(recording, of_kind("sensor", sensor, Sensor, "a Sensor").elements)
     _check_unit(recording, sensor)
+    recording, unusable = without_unusable(recording, float(sensor.depth_m))
     if noise is None:
         noise = noise_of(recording, float(sensor.depth_m), causes)
     elif not isinstance(noise, SampleNoise):
@@ -122,13 +125,15 @@ def problem_of(
         if problem.friction is not None and direction is False
         else friction
     )
-    return problem.with_warnings((*_warnings(recording, problem, hum), *operator.warnings(acts)))
+    return problem.with_warnings(
+        (*_warnings(recording, problem, hum, unusable), *operator.warnings(acts))
+    )
 
 
-def _warnings(recording: Recording, problem: Problem, hum: Hum) -> tuple[str, ...]:
-    """Warnings on the recording itself, as sentences."""
-    # Of the samples as they were recorded: equal ones are no longer equal once filtered.
-    raw = recording.signal if recording.raw_signal is None else recording.raw_signal
+def _warnings(
+    recording: Recording, problem: Problem, hum: Hum, unusable: Sequence[str]
+) -> tuple[str, ...]:
+    """Warnings on the recording itself, as sentences; `unusable`: on its samples."""
     depth_m, amplifier = float(problem.sensor.depth_m), problem.sensor.amplifier
     of_calibration = (recording.sidecar.get("rig_error") or {}).get("warnings")
     # Up to here the skin transmits waves, of which the preparation of the signals may take some.
@@ -140,7 +145,7 @@ def _warnings(recording: Recording, problem: Problem, hum: Hum) -> tuple[str, ..
         *((f"The rig's calibration was doubtful: {of_calibration}",) if of_calibration else ()),
         *preparation_warnings(recording, highest_Hz, has_offset),
         *hum.warnings,
-        *channel_findings(recording.channels, raw, recording.signal_unit),
+        *unusable,
         *_wiring(recording, problem),
     )
 

@@ -35,6 +35,7 @@ from ._fact_types import (
     Strips,
     Text,
     TimeUnit,
+    Unusable,
     Ways,
     is_text,
 )
@@ -131,6 +132,7 @@ class RecordingFacts(Facts):
     drift: Drift = None
     quiet_s: Quiet = None
     ways: Ways = None
+    unusable: Unusable = None
     detrend: Detrending = None
     high_pass_Hz: Positive = None
     notch_Hz: Frequencies = None

@@ -18,6 +18,7 @@ from srsinv.recording._schema import RecordingFacts, _facts_in, check_facts
 from srsinv.recording.channels import channel_findings
 from srsinv.recording.even import check_volts, load_steady, on_even_times
 from srsinv.recording.preparation import preparation_warnings
+from srsinv.recording.unusable import without_unusable
 from tests.jobs.run import composed, result_of
 from tests.recording.files import write_csv, write_h5, write_npz
 from tests.recording.scan import (
@@ -280,17 +281,19 @@ FAULTS = {
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_samples_at_fault_are_marked_as_missing(tmp_path, fault):
+def test_samples_at_fault_are_missing_where_they_are_not_kept(tmp_path, fault):
     smooth = np.cumsum(SIGNAL_V[1])
     faulty = FAULTS[fault](smooth)
-    first = Case(scan(voltage_1_V=faulty)).read(tmp_path)
-    (said,) = channel_findings(first.channels, first.signal, "V")
+    table = scan(voltage_1_V=faulty)
+    kept, by_kept = without_unusable(Case(table, ["recording.unusable=keep"]).read(tmp_path), 1e-3)
+    assert np.isfinite(kept.signal).all()
+    (said,) = by_kept
     is_wrong = np.arange(N) // 30 == 3 if fault == "stuck" else faulty == np.max(faulty)
-    cells = ["" if wrong else value for wrong, value in zip(is_wrong, faulty, strict=True)]
-    marked = Case(scan(voltage_1_V=cells), [setting(said, "missing")]).read(tmp_path)
-    assert channel_findings(marked.channels, marked.signal, "V") == ()
-    np.testing.assert_array_equal(np.isnan(marked.signal[1]), is_wrong)
-    np.testing.assert_array_equal(marked.signal[1][~is_wrong], smooth[~is_wrong])
+    left, words = without_unusable(Case(table, [setting(said, "unusable")]).read(tmp_path), 1e-3)
+    assert len(words) == 1
+    np.testing.assert_array_equal(np.isnan(left.signal[1]), is_wrong)
+    np.testing.assert_array_equal(left.signal[1][~is_wrong], smooth[~is_wrong])
+    assert channel_findings(left.channels, left.signal, "V") == ()
 
 
 def test_samples_stored_several_times_are_left_out(tmp_path):
