@@ -68,8 +68,8 @@ class CellNoise(NamedTuple):
             )
         if self.walk.any():
             words.append(
-                "A drift is estimated jointly with the traction, and what may be drift is not taken "
-                "for traction: its long waves are uncertain. Scan back and forth to tell the two "
+                "A drift is estimated jointly with the traction. What may be drift is not taken "
+                "for traction, whose long waves are uncertain. Scan back and forth to tell the two "
                 "apart."
             )
         if self.trend.any():

@@ -28,6 +28,9 @@ WIDE = 0.1  # of k: a band's width where noise is all there is
 SHORTEST = 64  # cells: a shorter stretch has hardly a wave between its length and the depth
 FIRST = 1.5  # waves of a stretch's length: longer ones go with its trend
 HANN = 1.5  # wavenumbers of a stretch that a Hann taper makes one of
+# Of a wave's power, what a Hann taper leaves at its wavenumber and at those beside it. Over these
+# the elements' responses differ, so that tapered signals are less coherent.
+LOBE = np.array([1.0, 4.0, 1.0]) / 6
 TAIL, WALK = 6.0, 1.0  # k z at which the powers of these parts are parameters
 STEPS, LONGEST_STEP = 100, 4.0
 # Slope by the logarithm of a level at which a search ends; a wavenumber alone makes about one. It
@@ -98,13 +101,15 @@ def _stretches(data: Float[np.ndarray, "e n"]) -> Iterator[tuple[int, int]]:
 
 
 class Bands(NamedTuple):
-    """Spectra in bands of wavenumbers, in units of the white noise: of the signals (b, e, e) and of
-    the model (b, e, c), at `kz` (b,), each of `weight` (b,) independent wavenumbers."""
+    """Spectra in bands of wavenumbers, in units of the white noise: of the signals (b, e, e), and
+    of the model (b, 3, e, c) at `around` (b, 3), the wavenumbers of a taper's lobe about `kz` (b,);
+    each band of `weight` (b,) independent wavenumbers."""
 
     kz: Float[np.ndarray, " b"]
+    around: Float[np.ndarray, "b 3"]
     weight: Float[np.ndarray, " b"]
     power: Complex[np.ndarray, "b e e"]
-    gain: Complex[np.ndarray, "b e c"]
+    gain: Complex[np.ndarray, "b 3 e c"]
     cell: float
 
     @classmethod
@@ -113,14 +118,18 @@ class Bands(NamedTuple):
         lengths = [stop - start for start, stop in signals.stretches]
         edges = _edges(signals.kz, 2 * np.pi * FIRST / (max(lengths) * signals.cell))
         each = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
-        middle = [(own.start + own.stop - 1) // 2 for own in each]
-        independent = sum(lengths) / signals.data.shape[1] / HANN
+        middle = np.array([(own.start + own.stop - 1) // 2 for own in each])
+        n = signals.data.shape[1]
+        beside = round(n / max(lengths)) * np.array([-1, 0, 1])
+        around = np.clip(middle[:, None] + beside, 0, signals.kz.size - 1)
+        independent = sum(lengths) / n / HANN
         spectra = signals.spectra()
         return cls(
             signals.kz[middle],
+            signals.kz[around],
             np.array([own.stop - own.start for own in each]) * independent,
             np.stack([spectra[..., own].mean(axis=-1) for own in each]),
-            np.moveaxis(signals.gain[..., middle], -1, 0),
+            np.moveaxis(signals.gain[..., around], (-2, -1), (0, 1)),
             signals.cell,
         )
 
@@ -166,13 +175,13 @@ class Likelihood:
 
     def __init__(self, bands: Bands, has_tail: bool, has_walk: bool):
         self._bands = bands
-        self._elements, self._unknowns = e, c = bands.gain.shape[1:]
+        self._elements, self._unknowns = e, c = bands.gain.shape[2:]
         self._sizes = Parameters(
             c, int(c == 2), 1, 1, e, e * has_tail, int(has_tail), e * has_walk
         )  # fmt: skip
         own = np.einsum("bee->b", bands.power).real - e
         signal = max(float(bands.weight @ np.maximum(own, 0.0)), 1e-3)
-        gains = np.sum(np.abs(bands.gain) ** 2, axis=1) / (1 + bands.kz[:, None] ** 2)
+        gains = np.sum(np.abs(bands.gain[:, 1]) ** 2, axis=1) / (1 + bands.kz[:, None] ** 2)
         self._unit = signal / np.maximum(bands.weight @ gains, np.finfo(float).tiny)
         self._width = self._row(WIDTHS)
 
@@ -238,24 +247,27 @@ class Likelihood:
     ) -> tuple[Complex[np.ndarray, "b e e"], Complex[np.ndarray, "m b e e"]]:
         """The signals' covariance, and its derivatives by the parameters."""
         gain, kz, e, c = self._bands.gain, self._bands.kz, self._elements, self._unknowns
-        root, (shape, by_shape) = self._root(of), prior_shape(of, kz)
-        scales = np.sqrt(np.diag(root))
+        root, (shape, by_shape) = self._root(of), prior_shape(of, self._bands.around)
+        lobes, scales = LOBE * shape, np.sqrt(np.diag(root))
         # Half of the signal of each component with all others, and the friction between two.
         parts = [np.where(np.arange(c) == own, root.T, 0.0).T / 2 for own in range(c)]
         parts = [part + part.T for part in parts]
         if c == 2:
             cross = scales[0] * scales[1] * (1 - np.tanh(of.coupling[0]) ** 2)
             parts.append(cross * (1 - np.eye(2)))
-        by_root = np.einsum("bec,mcd,bfd,b->mbef", gain, np.stack(parts), gain.conj(), shape)
+        each = np.einsum("bjec,mcd,bjfd->mjbef", gain, np.stack(parts), gain.conj())
+        by_root = np.einsum("mjbef,bj->mbef", each, lobes)
+        whole = each[:c].sum(axis=0)
         signal = by_root[:c].sum(axis=0)
+        of_shape = np.einsum("jbef,bj,bjm->mbef", whole, lobes, by_shape)
         rate = np.exp(-2 * np.sum(of.memory))
         by_memory = 2 * rate * (1 / (rate + self._waves(kz)) - 1 / (rate + TAIL**2))
-        each = np.eye(e)[:, None, :, None] * np.eye(e)
+        own = np.eye(e)[:, None, :, None] * np.eye(e)
         white, tail, walk = (
-            each * np.broadcast_to(part, (kz.size, e))[..., None] for part in self.noise(of, kz)
+            own * np.broadcast_to(part, (kz.size, e))[..., None] for part in self.noise(of, kz)
         )
         changes = np.concatenate([
-            by_root, *(signal[None] * own[None, :, None, None] for own in by_shape.T), white,
+            by_root, of_shape, white,
             tail[: of.tail.size],
             *[[tail.sum(axis=0) * by_memory[:, None, None]]] * of.memory.size,
             walk[: of.walk.size],
@@ -300,12 +312,12 @@ class Likelihood:
 
 
 def prior_shape(
-    of: Parameters, kz: Float[np.ndarray, " k"]
-) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, "k 2"]]:
+    of: Parameters, kz: Float[np.ndarray, "*k"]
+) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k 2"]]:
     """The prior's shape, one at k z = 1, and the slopes of its logarithm by the logarithms of a and
     b."""
     square, slope = np.exp(2 * of.length), np.exp(of.slope)
     waves = square * kz**2
     logs = -slope * (np.log1p(waves) - np.log1p(square))
     by_length = -2 * slope * (waves / (1 + waves) - square / (1 + square))
-    return np.exp(logs), np.stack([by_length, logs], axis=1)
+    return np.exp(logs), np.stack([by_length, logs], axis=-1)
