@@ -25,6 +25,7 @@ from .inverse.nonlinear import LEVEL_STDERR
 from .inverse.problem import Problem
 from .inverse.rig.error import RigError
 from .inverse.rig.wiring import element_findings
+from .modules import with_fields
 from .recording import Recording
 from .recording._speed import position_step
 from .recording.drift import drift_of, shared_levels
@@ -210,8 +211,10 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
     passes = passes_of(np.asarray(problem.motion.position_m))
     if problem.direction is None and go_both_ways(passes):
         problem = problem.of_direction(passes[0].is_onwards)
+    # Noise that is found beside the signals would take a fault up.
+    stated = with_fields(problem, noise=with_fields(problem.noise, is_estimate=False))
     try:
-        line = problem.to_grid()
+        line = stated.to_grid()
     except BadInput:  # it is too short
         return ()
     return element_findings(line, recording.channels, float(problem.sensor.depth_m))
