@@ -8,6 +8,7 @@
 """
 
 import abc
+import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
@@ -62,9 +63,20 @@ def solve(
     and `warnings` are what the estimate has besides. Raises `BadInput` for a path that is unknown
     or does not serve this problem.
     """
+    estimate = _solved(problem.without_warnings(), prior, path, tolerance, stats, warnings)
+    return dataclasses.replace(estimate, warnings=(*problem.warnings, *estimate.warnings))
+
+
+def _solved(
+    problem: LineProblem,
+    prior: Prior,
+    path: str,
+    tolerance: float,
+    stats: Mapping[str, Any],
+    warnings: Sequence[str],
+) -> TractionEstimate:
     path = choose_path(problem, path)
-    stats, warnings = {**stats, "path": path}, (*problem.warnings, *warnings)
-    problem = problem.without_warnings()
+    stats = {**stats, "path": path}
     status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
     if path == "spectral":
         return _estimate(problem, spectral_answer(problem, prior), status, stats, warnings)
@@ -249,7 +261,7 @@ def _estimate(
         friction=problem.friction,
         rig_errors=moved,
         status=status,
-        warnings=(*warnings, *_warnings(problem, answer, stats)),
+        warnings=(*_warnings(problem, answer, stats), *warnings),
         stats=stats,
     )
 
