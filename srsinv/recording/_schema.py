@@ -8,7 +8,7 @@ that none names a class or a function.
 from collections.abc import Collection, Mapping
 from typing import Any, get_args
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, ValidationError, field_validator
 
 from srsinv.errors import BadInput, echo, nearest_name, refuse
 
@@ -43,6 +43,7 @@ from ._table import LONGEST_NAME
 
 # Keys that no command line has.
 _SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")
+NO_TOLERANCE = "none"  # the word for facts that are exact
 
 
 class Facts(BaseModel):
@@ -106,6 +107,22 @@ class RigErrorFacts(Facts):
     warnings: Description = None
 
 
+class ToleranceFacts(Facts):
+    """Standard uncertainties of what is stated, each in the unit of the fact; of gain and speed a
+    fraction."""
+
+    depth_m: Positive = None
+    gain: Positive = None
+    angle_deg: Positive = None
+    offset_m: Positive = None
+    strip_width_m: Positive = None
+    speed: Positive = None
+    poisson_ratio: Positive = None
+    youngs_modulus_Pa: Positive = None
+    nominal_pressure_Pa: Positive = None
+    edge_length_m: Positive = None
+
+
 class RecordingFacts(Facts):
     """All that a sidecar or a caller may state about a recording."""
 
@@ -141,6 +158,12 @@ class RecordingFacts(Facts):
     skin: SkinFacts | None = None
     feature: FeatureFacts | None = None
     rig_error: RigErrorFacts | None = None
+    tolerance: ToleranceFacts | None = None
+
+    @field_validator("tolerance", mode="before")
+    @classmethod
+    def _none_is_no_mapping(cls, given: Any) -> Any:
+        return None if given == NO_TOLERANCE else given
 
 
 def check_facts(name: str, facts: Mapping[str, Any]) -> None:
@@ -182,6 +205,7 @@ def _sentence(error: Any) -> str:
     expected = error.get("ctx", {}).get("expected") or (
         "a list" if error["type"] == "list_type" else f"a mapping ({', '.join(_keys_at(path))})"
     )
+    expected = f"{NO_TOLERANCE}, or {expected}" if path == ("tolerance",) else expected
     typed = _typed([str(part) for part in path])
     command_line = f" or on the command line ({typed}=...)" if typed else ""
     return (

@@ -43,7 +43,9 @@ def merge(sidecar: Mapping[str, Any], known: Mapping[str, Any]) -> dict[str, Any
     for key, value in known.items():
         if isinstance(value, Mapping):
             below = merged.get(key)
-            merged[key] = merge(below if isinstance(below, Mapping) else {}, value)
+            within = merge(below if isinstance(below, Mapping) else {}, value)
+            if within or below is None:  # a word, as tolerance: none, stays where nothing is given
+                merged[key] = within
         elif value is not None:
             merged[key] = list(value) if isinstance(value, tuple) else value
     return merged

@@ -5,6 +5,7 @@ ridges against cells an eighth as wide), and by a fifth to two fifths of that on
 these show whether the cells matter to a fit.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar
@@ -26,6 +27,7 @@ from ...grid import Line, as_real
 from ...resolution import cell_m
 from ..estimate import averages
 from ..nonlinear import Fit, Optimistix, Solver
+from ..rig.setup import OF_CONTACT, Setup
 from .identifiability import limited_by_bounds, undetected_features
 from .loading import Features, Loading, Range, Strengths, Traction, TrialShapes
 
@@ -46,6 +48,9 @@ REACH = {  # search ranges of known quantities once freed, as factors
 KNOWN = tuple(REACH)
 # Fraction of the signal within which its derivative jumps: cells touch and part one by one.
 ROUNDING = 1e-4
+# The same beside facts of the rig, some of which move a fit far and its signal hardly: it ends
+# within 0.05 standard errors of the minimum.
+FACTS_ROUNDING = 5e-4
 
 
 class ContactLoading(Loading):
@@ -58,6 +63,7 @@ class ContactLoading(Loading):
     """
 
     PROFILES: ClassVar[tuple[str, ...]] = ("p", "q", "height", "gap", "friction")
+    FACTS: ClassVar[tuple[str, ...]] = OF_CONTACT
     LINEAR: ClassVar[tuple[str, ...]] = ("base_friction",)
     ARE_FEW: ClassVar[bool] = False
     sensor: Sensor
@@ -117,6 +123,24 @@ class ContactLoading(Loading):
         depths = [film.depth_m + change_m for film in self.sensor.elements]
         sensor = eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
         return sensor.operator_along(operator.line, self.motion, directions=operator.directions)
+
+    def at(self, sensor: Sensor, motion: Motion) -> "ContactLoading":
+        return dataclasses.replace(self, sensor=sensor, motion=motion)
+
+    @property
+    def freed(self) -> tuple[str, ...]:
+        return self.also
+
+    def params_at(self, features: Features, params: Any, setup: Setup) -> Any:
+        changed = dict(params)
+        if "nominal_pressure_Pa" not in self.also:
+            pressure = setup.nominal_pressure * self.nominal_pressure_Pa
+            changed["nominal_pressure_Pa"] = pressure
+        if "edge_length_m" not in self.also:
+            for name in features:
+                edge = params[name]["edge_length_m"] + setup.edge_length_by_m
+                changed[name] = {**params[name], "edge_length_m": edge}
+        return changed
 
     def gain(self, params: Any) -> Any:
         return params["gain"]
@@ -231,8 +255,8 @@ class ContactLoading(Loading):
     def common_priors(self) -> dict[str, Range]:
         return dict.fromkeys(self.LINEAR, (0.0, ANY_FRICTION))
 
-    def solver(self, solver: Solver | None) -> Solver:
-        return (solver or Optimistix()).tolerating(ROUNDING)
+    def solver(self, solver: Solver | None, has_facts: bool = False) -> Solver:
+        return (solver or Optimistix()).tolerating(FACTS_ROUNDING if has_facts else ROUNDING)
 
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """Each free parameter, its error infinite for those on a bound and those correlated with

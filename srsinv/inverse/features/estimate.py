@@ -20,6 +20,7 @@ from ..line.model import CHI2, FREEDOM
 from ..line.problem import ScannedCells
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, whitener
+from .budget import Budget
 from .identifiability import undetected_features
 from .loading import Features
 from .model import FeatureModel
@@ -35,6 +36,8 @@ class FeatureEstimate(Estimate):
       height and the frictions; names begin with the feature's where there are several. Their
       standard errors are infinite where the fit failed.
     - `log_evidence`: log probability density of the data under these features.
+    - `budget`: the parts of each standard error by their source; empty where there is none but the
+      noise.
     - `levels`: of the noise, where it was estimated from the residual.
     - `cells`: which cells of the problem's line the samples were; None where they were none.
     - `line`: of the traction, and `background_Pa`, the uniform pressure and shear that are added to
@@ -53,6 +56,7 @@ class FeatureEstimate(Estimate):
     stats: dict[str, Any]
     line: Line
     background_Pa: tuple[float, float] = (0.0, 0.0)
+    budget: Budget = eqx.field(default_factory=Budget)
     levels: Levels | None = None
     cells: ScannedCells | None = None
     covariance: Float[Numbers, "m m"] | None = None

@@ -8,8 +8,10 @@ its parameters integrated out.
 import copy
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -22,6 +24,8 @@ from ..noise.residual import ResidualNoise
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig.error import SensorError
+from ..rig.setup import OF_CONTACT, Setup
+from .budget import budget_of, contradicted
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
@@ -29,6 +33,8 @@ from .misfit import misfit_warnings
 from .model import FeatureModel, scan_extent
 from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
 
+RIG_ROUNDS = 4  # of a fit beside the facts of a rig, each linear about those found before
+SETTLED = 0.1  # standard deviations that the facts move in a last round
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 
 
@@ -45,8 +51,9 @@ class FeatureFitter:
         solver: Solver | None = None,
     ):
         self._model, self._search, self._sensor, self._motion = model, search, sensor, motion
+        self._rig: SensorError | None = None
         self._stretch, self._depth_m = scan_extent(sensor, motion), float(sensor.depth_m)
-        self._solver = model.loading.solver(solver)
+        self._given_solver, self._solver = solver, model.loading.solver(solver)
 
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, solver: Solver | None = None) -> "FeatureFitter":
@@ -140,19 +147,26 @@ class FeatureFitter:
             levels = rough.alone(y) if rough else None
             using = rough.whitener(levels, y) if rough and levels else noise
             return FeatureEstimate.of_nothing(model, y, using, levels)
-        if rough and levels:
-            again = lambda begun, white: self._fit(features, begun, y, white)  # noqa: E731
-            result, levels = rough.settled(again, result, levels, y)
-            using = rough.whitener(levels, y)
+        allowing, sources = self, ()
+        rig = None if rig is None else rig.without(self._facts_aside)
         if rig is not None:
-            model, result = self._with_rig_error(rig, features, result, y, using)
+            # Before the noise is estimated: what wrong facts leave is no noise.
+            allowing, sources, result = self._allowing_for(rig, features, result, y, using)
+        if rough and levels:
+            again = lambda begun, white: allowing._fit(features, begun, y, white)  # noqa: E731
+            result, levels = rough.settled(again, result, levels, y)
+        model = allowing._model.with_features(features)
+        cells = None
         if any(feature.is_of_surface for feature in features.values()):
-            result = self._with_cells_error(model, result)
-        read = model.loading.report(features, result)
+            result, cells = allowing._with_cells_error(model, result)
+        report = partial(model.loading.report, features)
+        read = report(result)
+        budget = budget_of(result, read, report, sources, cells)
         evidence = self._evidence(features, result)
         against = rough.warnings(levels, y, result) if rough and levels else ()
-        against = (*against, *self._misfit(features, y, result))
-        return FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
+        against = (*against, *self._misfit(features, y, result), *contradicted(result, sources))
+        made = FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
+        return dataclasses.replace(made, budget=budget)
 
     def many(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
@@ -255,9 +269,12 @@ class FeatureFitter:
             priors |= loading.priors(name, feature, reach, self._search)
         if model.free_offset:
             priors["offset"] = (0.0, reach)
-        if model.nuisance is not None:
-            priors["calibration"] = (0.0, 1.0)
         bounds = loading.bounds(model.line, parts, self._stretch) if parts else {}
+        if self._rig is not None:
+            priors["calibration"] = (0.0, 1.0)
+        if model.uncertain is not None:
+            most = model.uncertain.setup.reach
+            bounds["calibration"] = -most, most
         linear = model.linear if parts else ("offset",)
         return {
             "noise": noise,
@@ -277,27 +294,58 @@ class FeatureFitter:
         each = (float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
         return _evidence_of(result, sum(each, 0.0))
 
-    def _with_cells_error(self, model: FeatureModel, result: Fit) -> Fit:
-        """The fit, its errors with what half as wide cells would change where that is noticed."""
+    def _with_cells_error(
+        self, model: FeatureModel, result: Fit
+    ) -> tuple[Fit, Float[np.ndarray, " m"] | None]:
+        """The fit, its errors with what half as wide cells would change where that is noticed, and
+        these changes."""
         if result.noise_rms is not None or not cells_may_show(result):
-            return result
-        finer = model.halved(self._sensor, self._motion)
-        moves = result.moves(np.asarray(finer(result.value)) - np.asarray(model(result.value)))
-        return result.with_error(moves) if are_noticed(moves, result) else result
+            return result, None
+        exact, params = model.at_facts(jax.tree.map(as_real, result.value))
+        setup = Setup(self._sensor)
+        if model.uncertain is not None:
+            setup = model.uncertain.setup(params["calibration"])
+        finer = exact.halved(setup.sensor, setup.motion(self._motion))
+        change = np.asarray(finer(params)) - np.asarray(exact(params))
+        moves = result.moves(change)
+        return (result.with_error(moves), moves) if are_noticed(moves, result) else (result, None)
 
-    def _with_rig_error(
+    @property
+    def _facts_aside(self) -> frozenset[str]:
+        """Facts of the rig that are fitted, of gains that of the first element, and those that the
+        features' signals do not depend on."""
+        loading = self._model.loading
+        freed = ("gain_1" if name == "gain" else name for name in loading.freed)
+        return frozenset(freed) | (frozenset(OF_CONTACT) - frozenset(loading.FACTS))
+
+    def _allowing_for(
         self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any
-    ) -> tuple[FeatureModel, Fit]:
-        """The model and the fit with room for what is not known of the rig."""
-        model = self._model.with_features(features)
-        fitted = np.asarray(model(result.value))
-        columns = rig.columns(
-            self._sensor, fitted, lambda s: model.with_sensor(s, self._motion)(result.value)
-        )
-        own = copy.copy(self)
-        own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
-        start = dict(result.value) | {"calibration": np.zeros(len(columns))}
-        return own._model.with_features(features), own._fit(features, start, y, noise)
+    ) -> tuple["FeatureFitter", tuple[str, ...], Fit]:
+        """The fitter with room for what is not known of the rig, the sources of its errors, and the
+        fit. Tolerances are large: the facts are parameters as the others are. What a calibration
+        leaves is small, so that signals are linear in it."""
+        own, model = copy.copy(self), self._model.with_features(features)
+        own._rig, start = rig, dict(result.value)
+        known = rig.uncertain(self._sensor, self._motion)
+        if known is None:
+            columns = rig.columns(
+                self._sensor,
+                np.asarray(model(result.value)),
+                lambda setup: model.with_setup(setup, self._motion)(result.value),
+            )
+            own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
+            start["calibration"] = np.zeros(len(columns))
+            return own, rig.sources(len(columns)), own._fit(features, start, y, noise)
+        off = np.zeros(known.root.shape[1])
+        own._solver = model.loading.solver(self._given_solver, has_facts=True)
+        for _ in range(RIG_ROUNDS):
+            own._model = self._model.about(known, off)
+            result = own._fit(features, {**start, "calibration": off}, y, noise)
+            start, found = dict(result.value), np.asarray(result.value["calibration"])
+            if np.max(np.abs(found - off)) < SETTLED:
+                break
+            off = found
+        return own, rig.sources(len(off)), result
 
 
 def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:

@@ -11,9 +11,12 @@ from jaxtyping import Array, Float
 
 from ...forward.feature import Feature, ScanExtent
 from ...forward.operator import MotionOperator
+from ...forward.scan import Motion
+from ...forward.sensor import Sensor
 from ...forward.surface_feature import SurfaceFeature
 from ...grid import Line
 from ..nonlinear import Fit, Solver
+from ..rig.setup import Setup
 
 AnyFeature = Feature | SurfaceFeature
 FEATURES = (Feature, SurfaceFeature)
@@ -48,11 +51,13 @@ class Loading(eqx.Module):
     """How features load the skin.
 
     - `PROFILES`: names of what acts along the line, p and q [Pa] first.
+    - `FACTS`: those of the rig's facts of contact that the loading follows from.
     - `LINEAR`: of the parameters that are no feature's, those that enter linearly.
     - `ARE_FEW`: whether all shapes that a search tries are few enough to be held at once.
     """
 
     PROFILES: ClassVar[tuple[str, ...]] = ("p", "q")
+    FACTS: ClassVar[tuple[str, ...]] = ()
     LINEAR: ClassVar[tuple[str, ...]] = ()
     ARE_FEW: ClassVar[bool] = True
 
@@ -82,6 +87,21 @@ class Loading(eqx.Module):
         """The operator at these parameters."""
         del params
         return operator
+
+    def at(self, sensor: Sensor, motion: Motion) -> "Loading":
+        """The loading of another sensor and motion."""
+        del sensor, motion
+        return self
+
+    @property
+    def freed(self) -> tuple[str, ...]:
+        """Names of the rig's facts that are fitted as parameters."""
+        return ()
+
+    def params_at(self, features: Features, params: Any, setup: Setup) -> Any:
+        """The parameters with the facts of a setup, those that are `freed` aside."""
+        del features, setup
+        return params
 
     def gain(self, params: Any) -> Any:
         """A factor on the signal; None for none."""
@@ -134,8 +154,9 @@ class Loading(eqx.Module):
         """Those of the linear parameters that are no feature's."""
         return {}
 
-    def solver(self, solver: Solver | None) -> Solver | None:
-        """The solver, told what the residual is like."""
+    def solver(self, solver: Solver | None, has_facts: bool = False) -> Solver | None:
+        """The solver, told what the residual is like; `has_facts`: beside those of the rig."""
+        del has_facts
         return solver
 
     @abc.abstractmethod

@@ -19,9 +19,12 @@ from ...forward.sensor import Sensor
 from ...grid import Line, Open, Periodic, as_real
 from ...numerics import fast_length
 from ..gridding.cells import Window, check_cells
+from ..rig.error import UncertainSetup
+from ..rig.setup import Setup
 from .contact import ContactLoading
 from .direct import DirectLoading
 from .loading import Features, Loading, turned
+from .uncertain import UncertainOperator
 
 FAR_M = 1e3  # how far a step goes on
 BLOCK = 256  # cells come in multiples of it: the contact starts on so much wider cells
@@ -33,7 +36,8 @@ class FeatureModel(eqx.Module):
     `loading` says how they load the skin. Parameters are a tree: each feature's by its name, those
     of the loading, and where each element has an unknown constant `offset`. Where features are
     searched is no part of the model: one program serves every range. `nuisance` (j, e, sample) are
-    signals of what is not known of the rig, each times a number of `calibration` (j,).
+    signals of what is not known of the rig, each times a number of `calibration` (j,); or else
+    these are how far the facts of the rig are off, which `uncertain` makes the operator of.
     """
 
     operator: MotionOperator
@@ -41,6 +45,7 @@ class FeatureModel(eqx.Module):
     features: dict[str, Any]
     free_offset: bool = eqx.field(static=True)
     nuisance: Float[Array, "j e sample"] | None = None
+    uncertain: UncertainOperator | None = None
 
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, cell_m: float | None = None) -> "FeatureModel":
@@ -113,14 +118,37 @@ class FeatureModel(eqx.Module):
         """Steps for central differences, by parameter, where derivatives need them."""
         return self.loading.steps(self.line, self.features)
 
-    def with_sensor(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
-        """The same features and line under another sensor of the same films' number."""
-        reach = None if self.operator.end is None else FAR_M
-        operator = operator_along(sensor, self.line, motion, reach, self.operator.directions)
+    def with_setup(self, setup: Setup, motion: Motion) -> "FeatureModel":
+        """The same features and line under another setup of the same films' number; `motion` is
+        the one that is stated."""
+        reach, own = None if self.operator.end is None else FAR_M, setup.motion(motion)
+        operator = operator_along(setup.sensor, self.line, own, reach, self.operator.directions)
         return dataclasses.replace(self, operator=operator)
 
+    def at_facts(self, params: Any) -> tuple["FeatureModel", Any]:
+        """The model and the parameters with the facts of the rig that `calibration` stands for."""
+        if self.uncertain is None:
+            return self, params
+        off, known = params["calibration"], self.uncertain.setup
+        setup = known(off)
+        here = dataclasses.replace(
+            self,
+            operator=self.uncertain(self.operator, off),
+            loading=self.loading.at(setup.sensor, setup.motion(known.motion)),
+            uncertain=None,
+        )
+        return here, self.loading.params_at(self.features, params, setup)
+
+    def about(self, known: UncertainSetup, off: Float[np.ndarray, " j"]) -> "FeatureModel":
+        """The same features where the facts of the rig are numbers `off` from what is stated, and
+        may be off further."""
+        uncertain, operator = UncertainOperator.about(
+            known, off, lambda setup: self.with_setup(setup, known.motion).operator
+        )
+        return dataclasses.replace(self, operator=operator, uncertain=uncertain)
+
     def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
-        """The same features of a surface on cells half as wide."""
+        """The same features of a surface on cells half as wide, at facts that are exact."""
         line, directions = self.line, self.operator.directions
         finer = type(line)(2 * line.n, line.cell_m / 2, line.start_m - line.cell_m / 4)
         operator = operator_along(sensor, finer, motion, None, directions)
@@ -128,15 +156,18 @@ class FeatureModel(eqx.Module):
 
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line beyond their background, while sliding towards +x."""
-        return self.loading.tractions(self.line, self.features, params, (True,))[0]
+        here, params = self.at_facts(params)
+        return here.loading.tractions(self.line, self.features, params, (True,))[0]
 
     def profiles(self, params: Any) -> Float[Array, "profile n"]:
         """What acts along the line while sliding towards +x: see `loading.PROFILES`."""
-        return self.loading.profiles(self.line, self.features, params)
+        here, params = self.at_facts(params)
+        return here.loading.profiles(self.line, self.features, params)
 
     def cell_traction(self, params: Any, line: Line) -> Float[Array, "2 m"]:
         """Averages of p and q [Pa] over the cells of any line, while sliding towards +x."""
-        return self.loading.cell_traction(self.line, self.features, params, line)
+        here, params = self.at_facts(params)
+        return here.loading.cell_traction(self.line, self.features, params, line)
 
     def tractions(self, params: Any) -> list[Float[Array, "2 n"]]:
         """p and q [Pa] on the line for each way of the motion."""
@@ -147,6 +178,9 @@ class FeatureModel(eqx.Module):
 
     @eqx.filter_jit
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
+        if self.uncertain is not None:
+            here, params = self.at_facts(params)
+            return here._signal(params)
         operator = self.loading.operator(self.operator, params)
         end, gain = self.loading.end(self.features, params), self.loading.gain(params)
         tractions, directions = _stacked(self.tractions(params)), self.operator.directions

@@ -23,6 +23,7 @@ from ...grid import as_real
 from ...recording.flat_columns import load_columns
 from ..diagnostics import OVER_NOISE, is_excess
 from ..rig.error import SensorError
+from ..rig.setup import Setup
 from .lags import Lags
 
 NARROW = 1e-3  # depths: the strip of load that stands for a line
@@ -134,7 +135,7 @@ class KernelError(SensorError):
         tables = values, integral_of(self.lags.x_m, values), self.far
 
         def changed_signal(values: Any, integral: Any, far: Any) -> Any:
-            return signal_of(_with_corrections_changed(sensor, values, integral, far))
+            return signal_of(Setup(_with_corrections_changed(sensor, values, integral, far)))
 
         return np.asarray(jax.vmap(changed_signal)(*map(as_real, tables))) - np.asarray(fitted)
 

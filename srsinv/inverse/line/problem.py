@@ -29,6 +29,7 @@ from ..gridding.passes import AveragedPasses
 from ..noise.model import Samples, noise_on_line
 from ..noise.whitener import residual_squares
 from ..rig.error import SensorError
+from ..rig.setup import OF_CONTACT, Setup
 from .model import CHI2, FREEDOM, EstimateParts, LineModel, chi2, have_zero_mean, less_means
 
 
@@ -200,6 +201,7 @@ class LineProblem(LineModel):
     - `passes`: what averaging found, where the signals are means over passes.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
     - `modulus_Pa`: the skin's Young's modulus, as a [`Problem`][] has it.
+    - `rig_stretch_m`: how far off one standard deviation of the rig puts the sensor in each cell.
     - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
       independent direction after those of another (see line/rig_bands.py). None: no rig.
 
@@ -225,6 +227,7 @@ class LineProblem(LineModel):
     passes: AveragedPasses | None
     rig: SensorError | None
     rig_changes: Convolution | None
+    rig_stretch_m: Float[np.ndarray, "k n"] | None
     modulus_Pa: float | None = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
@@ -246,6 +249,7 @@ class LineProblem(LineModel):
         passes: AveragedPasses | None = None,
         rig: SensorError | None = None,
         rig_changes: Convolution | None = None,
+        rig_stretch_m=None,
         modulus_Pa: float | None = None,
         warnings: Sequence[str] = (),
     ):
@@ -261,7 +265,7 @@ class LineProblem(LineModel):
             friction = as_real(friction)
             forward = _of_pressure(forward, friction)
             rig_changes = None if rig_changes is None else _of_pressure(rig_changes, friction)
-        self.rig_changes = rig_changes
+        self.rig_changes, self.rig_stretch_m = rig_changes, rig_stretch_m
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
         self.observed, self.sensor, self.scan = observed, sensor, scan
@@ -282,16 +286,26 @@ class LineProblem(LineModel):
         data,
         noise,
         rig: SensorError | None = None,
+        scan_start_m: float | None = None,
         **known,
     ) -> "LineProblem":
         """The problem of a sensor that slides along the line, one sample at each cell; `known` as
-        the class takes it."""
+        the class takes it. `scan_start_m`: where the scan starts, None: in the first cell."""
         operator = sensor.operator(line, scan)
-        if rig is not None:
+        of_signal = None if rig is None else rig.without(frozenset(OF_CONTACT))
+        if of_signal is not None:
             own = np.asarray(operator.transfer)
-            moved = rig.columns(sensor, own, lambda s: s.operator(line, scan).transfer)
+
+            def transfer(setup: Setup):
+                return setup.sensor.operator(line, scan.scaled(setup.speed)).transfer
+
+            moved = of_signal.columns(sensor, own, transfer)
             changes = jnp.asarray(moved.reshape(-1, *own.shape[1:]))
             known["rig_changes"] = dataclasses.replace(operator, transfer=changes)
+            speed = of_signal.moves("speed", len(moved))
+            if speed.any():
+                start = float(line.start_m) if scan_start_m is None else scan_start_m
+                known["rig_stretch_m"] = speed[:, None] * (np.asarray(line.x) - start)
         return cls(line, operator, data, noise, sensor=sensor, scan=scan, rig=rig, **known)
 
     def to_grid(self) -> "LineProblem":
@@ -309,8 +323,14 @@ class LineProblem(LineModel):
         signals of a traction; nothing where samples are missing. None of a rig that is exact."""
         if self.rig_changes is None:
             return np.zeros((0, *self.data.shape))
-        signals = np.asarray(self.rig_changes(jnp.asarray(traction)), float)
-        return np.where(self.is_observed, signals.reshape(-1, *self.data.shape), 0.0)
+        traction = jnp.asarray(traction)
+        signals = np.asarray(self.rig_changes(traction), float).reshape(-1, *self.data.shape)
+        if self.rig_stretch_m is not None:
+            # At another speed the sensor is elsewhere, the further the longer it has moved.
+            own = np.asarray(self.forward(traction), float)
+            slope = np.gradient(own, float(self.line.cell_m), axis=-1)
+            signals = signals + np.asarray(self.rig_stretch_m)[:, None] * slope
+        return np.where(self.is_observed, signals, 0.0)
 
     @property
     def own_line(self) -> Line:

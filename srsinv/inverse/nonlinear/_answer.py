@@ -164,6 +164,14 @@ class Fit:
         """The same fit where the free parameters may also be off by `moves` (m,)."""
         return dataclasses.replace(self, _spread=self._spread.with_error(moves))
 
+    def moved(self, moves: np.ndarray) -> "Fit":
+        """The same fit with its free parameters moved by `moves` (m,): for what is derived from
+        them, not for its residual."""
+        z, layout = self._z + moves, self._objective.layout
+        row = np.array(self._objective.row, float)
+        row[np.asarray(layout.free)] = z
+        return dataclasses.replace(self, value=layout.host_tree(row), _z=z)
+
     def ratio(self, above: str, below: str) -> tuple[float, float]:
         """The ratio of two free parameters, by their names, and its standard error to first
         order."""
