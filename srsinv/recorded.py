@@ -23,7 +23,8 @@ from .inverse.noise.model import SampleNoise
 from .inverse.noise.quiet import quiet_noise
 from .inverse.nonlinear import LEVEL_STDERR
 from .inverse.problem import Problem
-from .inverse.rig.error import RigError
+from .inverse.rig.error import RigError, SensorError
+from .inverse.rig.tolerance import rig_error_of
 from .inverse.rig.wiring import element_findings
 from .modules import with_fields
 from .recording import Recording
@@ -77,6 +78,7 @@ def problem_of(
       are named, those that are no texture are added, with a warning), and `quiet_s` names stretches
       from which the noise is taken; what `detrend`, `high_pass_Hz` and `notch_Hz` take out of the
       signal is warned of.
+    - the facts `rig_error` and `tolerance` say how well the rig is known (see `rig_error_of`).
     - `operator`: how the sensor's response is known; None: by its theory. A measured kernel stands
       in place of the films' and of what a calibration found, errors included.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
@@ -109,10 +111,7 @@ def problem_of(
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
         mains=named or hum.unnamed,
-        rig=operator.error
-        or RigError.of_facts(
-            recording.name, recording.sidecar.get("rig_error"), len(recording.channels)
-        ),
+        rig=_rig_error(recording, sensor, operator),
         position_step_m=_step_of(recording, float(sensor.depth_m)),
         # Signals in another unit than volts give a pressure in no unit.
         modulus_Pa=sensor.skin.surface_modulus_Pa if recording.signal_unit in VOLTS else None,
@@ -128,6 +127,21 @@ def problem_of(
     )
     return problem.with_warnings(
         (*_warnings(recording, problem, hum, unusable), *operator.warnings(acts))
+    )
+
+
+def _rig_error(recording: Recording, sensor: Sensor, operator: OperatorModel) -> SensorError | None:
+    """How well the sensor and what stands beside it are known."""
+    facts, name = recording.sidecar, recording.name
+    if not isinstance(operator, Theory):
+        given = facts.get("rig_error")
+        return operator.error or RigError.of_facts(name, given, len(recording.channels))
+    return rig_error_of(
+        name,
+        facts,
+        sensor,
+        has_measured_positions=recording.measured_position_m is not None,
+        nominal_pressure_Pa=facts.get("nominal_pressure_Pa"),
     )
 
 
@@ -212,7 +226,8 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
     if problem.direction is None and go_both_ways(passes):
         problem = problem.of_direction(passes[0].is_onwards)
     # Noise that is found beside the signals would take a fault up.
-    stated = with_fields(problem, noise=with_fields(problem.noise, is_estimate=False))
+    noise = with_fields(problem.noise, is_estimate=False)
+    stated = with_fields(problem, noise=noise, rig=None)
     try:
         line = stated.to_grid()
     except BadInput:  # it is too short

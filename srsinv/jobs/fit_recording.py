@@ -30,6 +30,7 @@ from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity_with_error, unit_of
 from . import _facts
+from ._budget import budget_coordinates, budget_variables
 from ._fit_settings import settings_of, surface_fit, traction_fit
 from .estimates import reported_parameters
 
@@ -178,6 +179,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         "whitened_residual": (along, best.whitened, "1"),
         **_profiles(best),
         **reported_parameters(best.parameters),
+        **budget_variables(best, problem.rig),
         **_candidates(fitted),
         **answer_of(best),
         **scalars(_numbers(fitted)),
@@ -187,6 +189,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         "component": (list(COMPONENTS), "1"),
         "element": (problem.sensor.element_names, "1"),
         "reported": (list(best.parameters), "1"),
+        **budget_coordinates(best),
         "candidate": ([each.name.replace(" + ", "_and_") for each in fitted.candidates], "1"),
     }
     if best.fit is not None:

@@ -5,6 +5,7 @@ Components, methods and stresses have the same colours in all figures; truth is 
 input gives the same picture. Figures of one experiment alone stand beside it, made of `Panel`s.
 """
 
+from .budget import budget as budget
 from .contact import contact as contact
 from .contact import feature_traction as feature_traction
 from .cost import cost as cost
