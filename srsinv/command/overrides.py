@@ -214,7 +214,9 @@ def _check_fit(key: str, old: Any, new: Any, base: dict[str, Any]) -> None:
         fits = isinstance(new, list) and all(map(_is_number, new))
         wanted = "a list of numbers"
     elif isinstance(old, dict):
-        fits, wanted = isinstance(new, dict), f"its own keys ({_listed(old)})"
+        # A word in place of what is all left open switches it off, as recording.tolerance=none.
+        is_off = new == "none" and all(value is None for value in old.values())
+        fits, wanted = isinstance(new, dict) or is_off, f"its own keys ({_listed(old)})"
     else:
         return
     example = f"; it is {old} unless given" if not isinstance(old, dict) else ""

@@ -109,3 +109,13 @@ def test_bad_requests_are_refused_before_any_fit(given, word, tmp_path, capsys):
 def test_a_missing_recording_is_refused_by_name():
     with pytest.raises(BadInput, match="nowhere"):
         outcome("experiment=fit_recording", "recording.path=nowhere.csv")
+
+
+@pytest.mark.full
+def test_facts_that_are_exact_leave_the_noise_alone(example):
+    """And so it was before tolerances: the word of a sidecar, or typed."""
+    exact = outcome("experiment=fit_recording", "recording.tolerance=none").metrics
+    for name in SHAPE:
+        assert exact[f"{name}_stderr"] < 0.01 * abs(TRUTH[name])
+        assert f"{name}_stderr_noise" not in exact
+        assert exact[f"{name}_stderr"] < example.metrics[f"{name}_stderr"]

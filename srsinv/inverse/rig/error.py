@@ -101,7 +101,11 @@ class RigError(SensorError):
 
     @property
     def words(self) -> str:
-        return ", ".join(self.names)
+        grouped = {
+            origin: ", ".join(name for name, own in self.origin_of.items() if own == origin)
+            for origin in (CALIBRATED, STATED, ASSUMED)
+        }
+        return "; ".join(f"{names} ({origin})" for origin, names in grouped.items() if names)
 
     @property
     def origin_of(self) -> dict[str, str]:

@@ -12,7 +12,8 @@ from srsinv.grid import Open
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.line.rig_bands import MOST_DIRECTIONS, fewer_directions
 from srsinv.inverse.problem import Problem
-from srsinv.inverse.rig.error import RigError
+from srsinv.inverse.rig.error import STATED, RigError
+from srsinv.inverse.rig.setup import Setup
 from srsinv.inverse.wiener import Exponential, Wiener
 from tests.claims.rig_bands import drawn
 from tests.inverse.cases import signals_along
@@ -88,6 +89,28 @@ def test_errors_are_what_a_rig_that_is_off_makes(name, motion):
     change = (np.asarray(of[0].value) - np.asarray(of[1].value)) / 2
     (error,) = estimate.rig_errors
     # To the regularised traction, of which the signals change, from the true one.
+    np.testing.assert_allclose(error, change, atol=0.1 * np.abs(change).max())
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("motion", [SCAN, THERE_AND_BACK])
+@pytest.mark.parametrize("name", ["speed", "poisson_ratio", "strip_width_2_m"])
+def test_errors_are_what_wrong_facts_make(name, motion):
+    """The speed stretches the traction about the scan's start, and wrongs its kernel's length."""
+    value = {"speed": 1.0, "poisson_ratio": 0.5, "strip_width_2_m": 7e-4}[name]
+    step = {"speed": 0.01, "poisson_ratio": 0.02, "strip_width_2_m": 7e-5}[name]
+    rig = RigError((name,), np.array([value]), np.array([[step**2]]), (STATED,))
+    stated = Setup(sensor().with_films(Film.with_strip_average))
+    # Without edges, which the regularised traction, of which the signals change, does not have.
+    smooth = 4e3 * np.exp(-(((np.asarray(LINE.x) - 4e-4) / 1e-3) ** 2))
+
+    def of(setup: Setup, error=None):
+        y = signal(setup.sensor, setup.motion(motion), smooth)
+        return WIENER(Problem(stated.sensor, motion, y, NOISE_V, rig=error, cell_m=CELL_M))
+
+    above, below = (of(stated.changed(name, value, sign * step)) for sign in (1, -1))
+    change = (np.asarray(above.value) - np.asarray(below.value)) / 2
+    (error,) = of(stated, rig).rig_errors
     np.testing.assert_allclose(error, change, atol=0.1 * np.abs(change).max())
 
 
