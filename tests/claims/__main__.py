@@ -15,7 +15,7 @@ from tests.claims.study import Study
 STUDIES = (
     "clean_draws", "commands", "disturbances", "faults", "lab_cases", "layered_line",
     "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "rig_bands", "rigs", "rules",
-    "screening",
+    "screening", "tolerances",
 )  # fmt: skip
 
 
