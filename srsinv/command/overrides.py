@@ -214,9 +214,9 @@ def _check_fit(key: str, old: Any, new: Any, base: dict[str, Any]) -> None:
         fits = isinstance(new, list) and all(map(_is_number, new))
         wanted = "a list of numbers"
     elif isinstance(old, dict):
-        # A word in place of what is all left open switches it off, as recording.tolerance=none.
-        is_off = new == "none" and all(value is None for value in old.values())
-        fits, wanted = isinstance(new, dict) or is_off, f"its own keys ({_listed(old)})"
+        # A word may stand in place of what is all left open, as recording.tolerance=default.
+        is_word = new in ("none", "default") and all(value is None for value in old.values())
+        fits, wanted = isinstance(new, dict) or is_word, f"its own keys ({_listed(old)})"
     else:
         return
     example = f"; it is {old} unless given" if not isinstance(old, dict) else ""

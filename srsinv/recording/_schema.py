@@ -43,7 +43,8 @@ from ._table import LONGEST_NAME
 
 # Keys that no command line has.
 _SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")
-NO_TOLERANCE = "none"  # the word for facts that are exact
+# Words in place of tolerances: all facts are exact; all have the tolerances of a rig made by hand.
+NO_TOLERANCE, HAND_MADE = TOLERANCE_WORDS = "none", "default"
 
 
 class Facts(BaseModel):
@@ -162,8 +163,8 @@ class RecordingFacts(Facts):
 
     @field_validator("tolerance", mode="before")
     @classmethod
-    def _none_is_no_mapping(cls, given: Any) -> Any:
-        return None if given == NO_TOLERANCE else given
+    def _word_is_no_mapping(cls, given: Any) -> Any:
+        return None if given in TOLERANCE_WORDS else given
 
 
 def check_facts(name: str, facts: Mapping[str, Any]) -> None:
@@ -205,7 +206,7 @@ def _sentence(error: Any) -> str:
     expected = error.get("ctx", {}).get("expected") or (
         "a list" if error["type"] == "list_type" else f"a mapping ({', '.join(_keys_at(path))})"
     )
-    expected = f"{NO_TOLERANCE}, or {expected}" if path == ("tolerance",) else expected
+    expected = f"{', '.join(TOLERANCE_WORDS)} or {expected}" if path == ("tolerance",) else expected
     typed = _typed([str(part) for part in path])
     command_line = f" or on the command line ({typed}=...)" if typed else ""
     return (

@@ -35,7 +35,11 @@ Scores = dict[str, tuple[float, float]]
 def tolerances() -> RigError:
     """The defaults for this rig."""
     made = rig_error_of(
-        "the rig", {}, SENSOR, has_measured_positions=False, nominal_pressure_Pa=None
+        "the rig",
+        {"tolerance": "default"},
+        SENSOR,
+        has_measured_positions=False,
+        nominal_pressure_Pa=None,
     )
     assert made is not None
     return made

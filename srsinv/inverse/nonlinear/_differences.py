@@ -82,7 +82,7 @@ def _falls(summary: Summary, objective: Objective, ends: SearchEnd, found: Fit) 
     cost, freedom = 0.5 * float(terms @ terms), found.stats["degrees_of_freedom"]
     variance = max(2 * cost / max(freedom, 1), 1.0 if summary.level_known else 0.0)
     negligible = 0.5 * summary.solver.near_enough**2 * moving.sum() * variance
-    return min(map(cost_at, FRACTIONS)) < cost - negligible
+    return bool(min(map(cost_at, FRACTIONS)) < cost - negligible)
 
 
 def _distance_by_noise(objective: Objective, ends: SearchEnd, by_steps: SearchEnd) -> float:

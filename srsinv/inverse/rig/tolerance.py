@@ -1,9 +1,10 @@
 """Tolerances of stated facts: the standard uncertainty of what nobody calibrated.
 
 What a person states of a rig comes from a ruler, a data sheet or a setting, and is right to some
-per cent. Each fact has a standard deviation: that of the sidecar's key `tolerance`, else the
-default for a rig that was made by hand (type B of the Guide to the Expression of Uncertainty in
-Measurement, JCGM 100:2008). What a calibration determined has the calibration's covariance instead.
+per cent. Each fact has a standard deviation: that of the sidecar's key `tolerance`, else, where
+tolerances are asked for, the default for a rig that was made by hand (type B of the Guide to the
+Expression of Uncertainty in Measurement, JCGM 100:2008). What a calibration determined has the
+calibration's covariance instead.
 """
 
 from collections.abc import Mapping
@@ -14,7 +15,7 @@ import numpy as np
 from ...errors import refuse
 from ...forward.sensor import Sensor
 from ...forward.skin import HalfSpace
-from ...recording._schema import NO_TOLERANCE
+from ...recording._schema import HAND_MADE, TOLERANCE_WORDS
 from .error import ASSUMED, STATED, RigError
 from .setup import number_of_films
 
@@ -57,7 +58,8 @@ def rig_error_of(
     nominal_pressure_Pa: float | None,
 ) -> RigError | None:
     """How well a recording's rig is known, by the keys `rig_error` and `tolerance` of its facts;
-    None where all is exact.
+    None where all is exact, as it is where no tolerance is stated. One that is stated brings the
+    defaults of the others with it.
 
     Where positions are measured the speed has no default: a stage's scale is right to 1e-4 or
     better, and what a tolerance states of it is one of that scale. Raises `BadInput` for a damaged
@@ -66,9 +68,10 @@ def rig_error_of(
     films = number_of_films(sensor)
     calibrated = RigError.of_facts(recording, facts.get("rig_error"), films)
     given = facts.get("tolerance")
-    if given == NO_TOLERANCE:
+    own = {} if given is None or given in TOLERANCE_WORDS else given
+    stated = {key: value for key, value in own.items() if value is not None}
+    if not stated and given != HAND_MADE:
         return calibrated
-    stated = {key: value for key, value in (given or {}).items() if value is not None}
     listed = stated_facts(sensor, nominal_pressure_Pa)
     stderr: dict[str, float] = {}
     for fact in listed:

@@ -57,12 +57,13 @@ def test_a_rig_made_by_hand_has_the_defaults():
         "offset_2_m": 5e-5, "strip_width_1_m": 3.5e-5, "strip_width_2_m": 3.5e-5, "speed": 0.01,
         "poisson_ratio": 0.01, "youngs_modulus_Pa": 7e4, "nominal_pressure_Pa": 2e3,
     }  # fmt: skip
-    error = error_of({})
+    facts = {"tolerance": "default"}
+    error = error_of(facts)
     assert sizes(error) == pytest.approx(expected)
     assert set(error.origin_of.values()) == {ASSUMED}
-    assert "speed" not in error_of({}, has_measured_positions=True).names
-    assert "nominal_pressure_Pa" not in error_of({}, nominal_pressure_Pa=None).names
-    one = error_of({}, Sensor([Film(DEPTH_M)]))
+    assert "speed" not in error_of(facts, has_measured_positions=True).names
+    assert "nominal_pressure_Pa" not in error_of(facts, nominal_pressure_Pa=None).names
+    one = error_of(facts, Sensor([Film(DEPTH_M)]))
     assert not {"angle_1_deg", "offset_1_m", "gain_2"} & {*one.names}
 
 
@@ -80,7 +81,7 @@ def test_what_is_stated_wins_over_a_default_and_a_calibration_over_both():
 
 
 def test_none_takes_all_facts_as_exact_but_what_a_calibration_left():
-    assert error_of({"tolerance": "none"}) is None
+    assert error_of({"tolerance": "none"}) is error_of({}) is None
     left = error_of({"tolerance": "none", "rig_error": CALIBRATION_FACTS})
     assert left.names == ("gain_1", "depth_m")
     # And so does the sidecar's word, beside a command line that gives none of them.
@@ -136,7 +137,7 @@ def signal(setup: Setup) -> np.ndarray:
 def test_standard_errors_are_the_spread_over_rigs_drawn_from_the_tolerances():
     """Each of the rig's errors at a time, of one size either way: the sum of squares of what they
     move is the variance that noise does not make."""
-    rig = error_of({}, nominal_pressure_Pa=None)
+    rig = error_of(facts, nominal_pressure_Pa=None)
     known = rig.uncertain(SENSOR, MOTION)
     level = 0.01 * np.abs(signal(Setup(SENSOR))).max()
     rng, draws = np.random.default_rng(2), 12
