@@ -137,7 +137,7 @@ def signal(setup: Setup) -> np.ndarray:
 def test_standard_errors_are_the_spread_over_rigs_drawn_from_the_tolerances():
     """Each of the rig's errors at a time, of one size either way: the sum of squares of what they
     move is the variance that noise does not make."""
-    rig = error_of(facts, nominal_pressure_Pa=None)
+    rig = error_of({"tolerance": "default"}, nominal_pressure_Pa=None)
     known = rig.uncertain(SENSOR, MOTION)
     level = 0.01 * np.abs(signal(Setup(SENSOR))).max()
     rng, draws = np.random.default_rng(2), 12
