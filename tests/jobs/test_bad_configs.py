@@ -99,7 +99,7 @@ TAKEN = (
 ALIKE = re.compile(r"scene\.frictions\.back.*|sensor\.elements\.upright.*|method\.wiener\.q.*")
 # A first look at a file uses no physics: what it does not need it hands on to the sidecar.
 UNUSED_BY_INSPECTION = re.compile(
-    r"recording\.(nominal_pressure_Pa|cell_m|.*_m_per_s|scan_start_m|backlash_m)"
+    r"recording\.(nominal_pressure_Pa|cell_m|.*_m_per_s|scan_start_m|backlash_m|tolerance\..*)"
 )
 
 

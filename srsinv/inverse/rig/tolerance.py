@@ -39,6 +39,8 @@ NAMES = (
 )  # fmt: skip
 MOST = 0.3  # of a fact that has to be above 0
 ABOVE_0 = ("gain", "speed", *RELATIVE_DEFAULTS)
+# Of facts that may be 0, in their units: more is no tolerance of a sensor in a finger.
+LARGEST = {"angle_deg": 45.0, "offset_m": 0.1, "poisson_ratio": 0.5, "edge_length_m": 0.1}
 
 
 class StatedFact(NamedTuple):
@@ -63,7 +65,7 @@ def rig_error_of(
 
     Where positions are measured the speed has no default: a stage's scale is right to 1e-4 or
     better, and what a tolerance states of it is one of that scale. Raises `BadInput` for a damaged
-    `rig_error`, and for a tolerance of 0.3 of the fact or more.
+    `rig_error`, for a tolerance of 0.3 of the fact or more, and one beyond `LARGEST`.
     """
     films = number_of_films(sensor)
     calibrated = RigError.of_facts(recording, facts.get("rig_error"), films)
@@ -77,8 +79,8 @@ def rig_error_of(
     for fact in listed:
         size = stated.get(fact.key, _default(fact, has_measured_positions))
         if size is not None:
-            stderr[fact.name] = float(size)
             _check_size(recording, fact, float(size))
+            stderr[fact.name] = float(size)
     origins = {fact.name: STATED if fact.key in stated else ASSUMED for fact in listed}
     own = RigError((), np.zeros(0), np.zeros((0, 0))) if calibrated is None else calibrated
     values = {fact.name: fact.value for fact in listed}
@@ -123,6 +125,12 @@ def _default(fact: StatedFact, has_measured_positions: bool) -> float | None:
 
 
 def _check_size(recording: str, fact: StatedFact, size: float) -> None:
+    most = LARGEST.get(fact.key, np.inf)
+    refuse(
+        size >= most,
+        f"{recording}: recording.tolerance.{fact.key} is {size:g}, and it has to be below "
+        f"{most:g}: give the standard uncertainty in the unit of the fact.",
+    )
     refuse(
         fact.key in ABOVE_0 and size >= MOST * fact.value,
         f"{recording}: recording.tolerance.{fact.key} is {size:g}, and it has to be below 0.3 of "
