@@ -87,7 +87,8 @@ def _reader(settings: dict[str, Any]) -> Iterator[str]:
 
 def _overrides(group: str, settings: Mapping[str, Any]) -> Iterator[str]:
     for key, value in settings.items():
-        if value is not None and value != _AS_BY_DEFAULT.get(key):
+        is_open = isinstance(value, Mapping) and all(each is None for each in value.values())
+        if value is not None and not is_open and value != _AS_BY_DEFAULT.get(key):
             yield f"{group}.{key}={_as_typed(value)}"
 
 

@@ -215,7 +215,8 @@ def test_error_directions_are_signals_of_the_moved_kernel(measured):
         return each.operator(LINE, SCAN)(SCENE)
 
     want = np.asarray(signal(moved.sensor(STATED)) - signal(sensor))
-    (column,) = one.error.columns(sensor, np.asarray(signal(sensor)), signal)
+    signals = np.asarray(signal(sensor))
+    (column,) = one.error.columns(sensor, signals, lambda setup: signal(setup.sensor))
     np.testing.assert_allclose(column, want, atol=1e-6 * np.abs(want).max())
 
 
