@@ -135,10 +135,14 @@ def _louder_noise(made: Scan, element: int, times: float) -> Scan:
     return made.plus(added)
 
 
-def _hum(made: Scan, frequency_hz: float, of_rms: float) -> Scan:
+def _wave(made: Scan, frequency_hz: float) -> np.ndarray:
+    """A sine of amplitude one and random phase."""
     time_s = np.arange(made.signal.shape[1]) / RATE_HZ
-    wave = np.sin(2 * np.pi * (frequency_hz * time_s + made.rng.random()))
-    return made.plus(np.sqrt(2) * of_rms * made.rms * wave[None])
+    return np.sin(2 * np.pi * (frequency_hz * time_s + made.rng.random()))
+
+
+def _hum(made: Scan, frequency_hz: float, of_rms: float) -> Scan:
+    return made.plus(np.sqrt(2) * of_rms * made.rms * _wave(made, frequency_hz)[None])
 
 
 def _drift(made: Scan, of_rms: float) -> Scan:
@@ -276,9 +280,7 @@ def _bursts(made: Scan, bursts: int, samples: int, times: float) -> Scan:
 
 
 def _sine(made: Scan, frequency_hz: float, of_peak: float) -> Scan:
-    time_s = np.arange(made.signal.shape[1]) / RATE_HZ
-    wave = np.sin(2 * np.pi * (frequency_hz * time_s + made.rng.random()))
-    return made.plus(of_peak * made.peak * wave[None])
+    return made.plus(of_peak * made.peak * _wave(made, frequency_hz)[None])
 
 
 def _walk(made: Scan, of_peak: float) -> Scan:

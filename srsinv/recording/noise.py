@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .. import false_alarm
 
@@ -88,14 +88,18 @@ def _stretches(observed: np.ndarray) -> Iterator[slice]:
     """Stretches of one element's samples between long gaps, short ones left out; where none is
     left, from its first valid sample to the last."""
     at = np.flatnonzero(observed)
+    if at.size:
+        yield from stretches_of(observed, SHORT_STRETCH) or [slice(int(at[0]), int(at[-1]) + 1)]
+
+
+def stretches_of(observed: Bool[np.ndarray, " sample"], shortest: int) -> list[slice]:
+    """Stretches of samples between long gaps, those of fewer than `shortest` samples left out."""
+    at = np.flatnonzero(observed)
     if not at.size:
-        return
+        return []
     cuts = np.flatnonzero(np.diff(at) > LONG_GAP + 1)
-    starts, stops = at[np.append(0, cuts + 1)], at[np.append(cuts, at.size - 1)] + 1
-    long = [
-        slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True) if b - a >= SHORT_STRETCH
-    ]
-    yield from long or [slice(int(at[0]), int(at[-1]) + 1)]
+    ends = zip(at[np.append(0, cuts + 1)], at[np.append(cuts, -1)] + 1, strict=True)
+    return [slice(int(a), int(b)) for a, b in ends if b - a >= shortest]
 
 
 def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: float) -> float:

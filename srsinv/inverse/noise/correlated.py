@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.special import chdtri
 
 from ... import false_alarm
@@ -23,7 +23,7 @@ from ...grid import Line, half_spectrum_weights
 from ...modules import with_fields
 from ..line.problem import LineProblem
 from .model import of_walk
-from .whittle import TAIL, WALK, Bands, CellSignals, Likelihood, Parameters
+from .whittle import TAIL, WALK, CellSignals, Likelihood, NoiseParameters, SpectralBands
 
 WIDE_TREND = 10.0  # times the largest sample: a trend's size before anything is known of it
 STRAIGHT, SMOOTH = 1, 3  # degrees of a trend that was found, and of one that is known to be there
@@ -110,22 +110,25 @@ def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) 
     signals = CellSignals.of(problem, depth_m)
     if not signals.stretches:
         return None
-    likelihood, of = _likeliest(Bands.of(signals), is_drifting)
-    trend = _trend(signals, likelihood, of, problem.has_free_offset)
+    likelihood, of = _likeliest(SpectralBands.of(signals), is_drifting)
+    kz = signals.kz[1:]
+    power = likelihood.signal(of, kz, np.moveaxis(signals.gain[..., 1:], -1, 0))
+    noise = sum(likelihood.noise(of, kz), np.zeros(1))
+    trend = _trend(signals, power + noise, problem.has_free_offset)
     has_trend = is_drifting or bool(trend.any())
     if not (of.tail.size or has_trend):
         return None
-    return _found(signals, likelihood, of, depth_m, trend, has_trend)
+    is_clear = np.any(power > noise, axis=1)
+    return _found(signals, of, depth_m, is_clear, trend, has_trend)
 
 
-def _likeliest(bands: Bands, is_drifting: bool) -> tuple[Likelihood, Parameters]:
+def _likeliest(bands: SpectralBands, is_drifting: bool) -> tuple[Likelihood, NoiseParameters]:
     """The parts of the noise that the signals speak for, and their parameters.
 
     Of a correlated part, chance makes more than g in the likelihood's logarithm with a probability
     of about e^-g. A walk is there where a drift is known to be, and as large as it may be: what may
     be drift is not to be taken for traction. Else a long memory fits as well as a walk does.
     """
-
     likelihood = Likelihood(bands, False, is_drifting)
     cost, of = likelihood.greatest()
     correlated = Likelihood(bands, True, is_drifting)
@@ -137,23 +140,21 @@ def _likeliest(bands: Bands, is_drifting: bool) -> tuple[Likelihood, Parameters]
 
 def _found(
     signals: CellSignals,
-    likelihood: Likelihood,
-    of: Parameters,
+    of: NoiseParameters,
     depth_m: float,
+    is_clear: Bool[np.ndarray, " k"],
     trend: Float[np.ndarray, " e"],
     has_trend: bool,
 ) -> CellNoise:
-    """The noise of these parameters."""
+    """The noise of these parameters; `is_clear`: whether the signal is above it at `kz[1:]`."""
     none, cell = np.zeros(len(signals.white)), signals.cell
     length = float(np.exp(of.memory[0])) if of.memory.size else 1.0
     # s^2 and d^2 from the powers of exponential_spectrum and of_walk, for waves of many cells.
     tail = np.exp(of.tail) * (1 / length**2 + TAIL**2) * cell * length / 2
     step = np.exp(of.walk) * WALK**2 * cell**2
-    kz = signals.kz[1:]
-    power = likelihood.signal(of, kz, np.moveaxis(signals.gain[..., 1:], -1, 0))
-    clear = np.flatnonzero(np.any(power > sum(likelihood.noise(of, kz)), axis=1))
+    clear = np.flatnonzero(is_clear)
     ends = clear[[-1, 0]] if clear.size else np.array([0, 0])
-    shortest, longest = (2 * np.pi * depth_m / kz[ends]).tolist()
+    shortest, longest = (2 * np.pi * depth_m / signals.kz[1:][ends]).tolist()
     return CellNoise(
         np.sqrt(signals.white * np.exp(of.white)),
         np.sqrt(signals.white * tail) if of.tail.size else none,
@@ -166,22 +167,18 @@ def _found(
 
 
 def _trend(
-    signals: CellSignals, likelihood: Likelihood, of: Parameters, has_free_offset: bool
+    signals: CellSignals, power: Float[np.ndarray, "k e"], has_free_offset: bool
 ) -> Float[np.ndarray, " e"]:
-    """Of each element a constant and a slope that traction and noise do not make, as a fraction of
-    the largest sample; zero where these may make them."""
-    start, stop = max(signals.stretches, key=lambda each: each[1] - each[0])
-    m, n = stop - start, signals.data.shape[1]
+    """Of each element a constant and a slope that traction and noise, of this `power` at `kz[1:]`,
+    do not make, as a fraction of the largest sample; zero where these may make them."""
+    rows, n = signals.filled(signals.longest), signals.data.shape[1]
+    m = rows.shape[1]
     trends = np.stack([np.ones(m), np.linspace(-1, 1, m)])[int(has_free_offset) :]
     # Tapered, so that a feature at the ends of the scan, which is cut off there, is little in them.
     shapes = np.hanning(m + 2)[1:-1] * trends
-    kz = signals.kz[1:]
-    power = likelihood.signal(of, kz, np.moveaxis(signals.gain[..., 1:], -1, 0))
-    power = power + sum(likelihood.noise(of, kz))
     whole = np.zeros((len(shapes), n))
-    whole[:, start:stop] = shapes
+    whole[:, signals.longest] = shapes
     weights = half_spectrum_weights(n)[1:] * np.abs(np.fft.rfft(whole)[:, 1:]) ** 2
-    rows = signals.filled(start, stop)
     sizes = rows @ shapes.T
     variance = np.maximum((weights @ power).T, np.finfo(float).tiny)
     chance = false_alarm.NOISE_PART / sizes.size

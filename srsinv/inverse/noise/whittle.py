@@ -11,7 +11,6 @@ constant and a trend taken out make a restricted one.
 """
 
 import itertools
-from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -19,9 +18,10 @@ import numpy as np
 import scipy
 from jaxtyping import Complex, Float
 
-from ...recording.noise import ABOVE_CUTOFF, LONG_GAP, filled
+from ...recording.noise import ABOVE_CUTOFF, filled, stretches_of
 from ..line.problem import LineProblem
 from .nuisance import scored
+from .quiet import AS_PROBABLE
 
 BAND = 0.08  # of k z: over it the skin's response changes by a sixth
 WIDE = 0.1  # of k: a band's width where noise is all there is
@@ -43,7 +43,7 @@ class CellSignals(NamedTuple):
 
     - `data` (e, n); `gain` (e, c, k): the model's at `kz` (k,), the wavenumbers in units of the
       inverse depth. `white` (e,): the white noise's power in a cell; `cell`: its width in depths.
-    - `stretches`: [start, stop) where all elements are there, short gaps aside.
+    - `stretches`: where all elements are there, short gaps aside.
     """
 
     data: Float[np.ndarray, "e n"]
@@ -51,7 +51,7 @@ class CellSignals(NamedTuple):
     kz: Float[np.ndarray, " k"]
     white: Float[np.ndarray, " e"]
     cell: float
-    stretches: list[tuple[int, int]]
+    stretches: list[slice]
 
     @classmethod
     def of(cls, problem: LineProblem, depth_m: float) -> "CellSignals":
@@ -67,40 +67,37 @@ class CellSignals(NamedTuple):
         gain = np.asarray(problem.forward.circulant().transfer, complex) / level[:, None]
         kz = np.asarray(problem.line.k, float) * depth_m
         cell = float(problem.line.cell_m) / depth_m
-        return cls(data, gain, kz, white, cell, list(_stretches(data)))
+        there = np.isfinite(data).all(axis=0)
+        return cls(data, gain, kz, white, cell, stretches_of(np.asarray(there), SHORTEST))
 
-    def filled(self, start: int, stop: int) -> Float[np.ndarray, "e cell"]:
+    @property
+    def longest(self) -> slice:
+        """The longest stretch."""
+        return max(self.stretches, key=lambda each: each.stop - each.start)
+
+    def filled(self, stretch: slice) -> Float[np.ndarray, "e cell"]:
         """A stretch, its short gaps filled."""
-        return np.stack([filled(row[start:stop]) for row in self.data])
+        return np.stack([filled(row[stretch]) for row in self.data])
 
     def spectra(self) -> Complex[np.ndarray, "e e k"]:
         """The power of all stretches, tapered, a constant and a trend taken out of each, at the
         wavenumbers of the whole line; of white noise of one it is one."""
         total, squares = 0.0, 0.0
-        for start, stop in self.stretches:
-            taper, slope = np.hanning(stop - start + 2)[1:-1], np.linspace(-1, 1, stop - start)
+        for stretch in self.stretches:
+            size = stretch.stop - stretch.start
+            taper, slope = np.hanning(size + 2)[1:-1], np.linspace(-1, 1, size)
             shapes = np.stack([taper, taper * slope])
-            rows = self.filled(start, stop) * taper
+            rows = self.filled(stretch) * taper
             rows = rows - rows @ np.linalg.pinv(shapes) @ shapes
             whole = np.zeros(self.data.shape)
-            whole[:, start:stop] = rows
+            whole[:, stretch] = rows
             spectrum = np.fft.rfft(whole)
             total = total + spectrum[:, None] * spectrum[None].conj()
             squares += float(taper @ taper)
         return np.asarray(total / squares)
 
 
-def _stretches(data: Float[np.ndarray, "e n"]) -> Iterator[tuple[int, int]]:
-    at = np.flatnonzero(np.isfinite(data).all(axis=0))
-    if not at.size:
-        return
-    cuts = np.flatnonzero(np.diff(at) > LONG_GAP + 1)
-    for start, stop in zip(at[np.append(0, cuts + 1)], at[np.append(cuts, -1)] + 1, strict=True):
-        if stop - start >= SHORTEST:
-            yield int(start), int(stop)
-
-
-class Bands(NamedTuple):
+class SpectralBands(NamedTuple):
     """Spectra in bands of wavenumbers, in units of the white noise: of the signals (b, e, e), and
     of the model (b, 3, e, c) at `around` (b, 3), the wavenumbers of a taper's lobe about `kz` (b,);
     each band of `weight` (b,) independent wavenumbers."""
@@ -113,9 +110,9 @@ class Bands(NamedTuple):
     cell: float
 
     @classmethod
-    def of(cls, signals: CellSignals) -> "Bands":
+    def of(cls, signals: CellSignals) -> "SpectralBands":
         """Those of signals that have a stretch."""
-        lengths = [stop - start for start, stop in signals.stretches]
+        lengths = [stretch.stop - stretch.start for stretch in signals.stretches]
         edges = _edges(signals.kz, 2 * np.pi * FIRST / (max(lengths) * signals.cell))
         each = [slice(start, stop) for start, stop in itertools.pairwise(edges)]
         middle = np.array([(own.start + own.stop - 1) // 2 for own in each])
@@ -145,7 +142,7 @@ def _edges(kz: Float[np.ndarray, " k"], first: float) -> list[int]:
     return edges
 
 
-class Parameters(NamedTuple):
+class NoiseParameters(NamedTuple):
     """The model's parameters: logarithms of the prior's levels (c,), its length and slope (1,), of
     the white noise (e,), of the correlated part (e,) at `TAIL` and its memory (1,), and of the walk
     (e,) at `WALK`; `coupling` (1,), the area tangent of p's and q's coherence. Those of parts that
@@ -163,9 +160,8 @@ class Parameters(NamedTuple):
 
 # Standard deviations of Gaussian priors about zero, so wide that they decide only where the data do
 # not.
-WIDTHS = Parameters(6.0, 2.0, 2.0, 0.5, 0.5, 10.0, 1.5, 10.0)
+WIDTHS = NoiseParameters(6.0, 2.0, 2.0, 0.5, 0.5, 10.0, 1.5, 10.0)
 START = {"tail": 1.0, "memory": -1.0, "walk": 4.0}
-AS_PROBABLE = 2.0  # in the logarithm of likelihood, which one more parameter makes once in twenty
 RAISED, MOST_RAISED = 1.0, 30  # logarithm of a walk's power, by steps
 
 
@@ -173,10 +169,10 @@ class Likelihood:
     """Minus the logarithm of the likelihood of bands and of its priors, with its slopes; of noise
     with a correlated part (`has_tail`) and with a walk (`has_walk`), or without."""
 
-    def __init__(self, bands: Bands, has_tail: bool, has_walk: bool):
+    def __init__(self, bands: SpectralBands, has_tail: bool, has_walk: bool):
         self._bands = bands
         self._elements, self._unknowns = e, c = bands.gain.shape[2:]
-        self._sizes = Parameters(
+        self._sizes = NoiseParameters(
             c, int(c == 2), 1, 1, e, e * has_tail, int(has_tail), e * has_walk
         )  # fmt: skip
         own = np.einsum("bee->b", bands.power).real - e
@@ -185,13 +181,13 @@ class Likelihood:
         self._unit = signal / np.maximum(bands.weight @ gains, np.finfo(float).tiny)
         self._width = self._row(WIDTHS)
 
-    def greatest(self, alone: Parameters | None = None) -> tuple[float, Parameters]:
+    def greatest(self, alone: NoiseParameters | None = None) -> tuple[float, NoiseParameters]:
         """Minus the logarithm of the greatest likelihood, and its parameters; `alone`: those of
         fewer parts, to start from."""
-        first = Parameters(*np.zeros(len(WIDTHS))) if alone is None else alone
+        first = NoiseParameters(*np.zeros(len(WIDTHS))) if alone is None else alone
         return self._search(self._row(first._replace(**START)))
 
-    def with_most_walk(self, of: Parameters, cost: float) -> Parameters:
+    def with_most_walk(self, of: NoiseParameters, cost: float) -> NoiseParameters:
         """The parameters with as large a walk as the signals do not speak against, from those of
         the greatest likelihood and minus its logarithm."""
         for _ in range(MOST_RAISED):
@@ -204,7 +200,7 @@ class Likelihood:
 
     def _search(
         self, start: Float[np.ndarray, " m"], holds_walk: bool = False
-    ) -> tuple[float, Parameters]:
+    ) -> tuple[float, NoiseParameters]:
         """Minus the logarithm of the greatest likelihood, and its parameters, from a start on; the
         walk, which comes last, is as it starts where it is held."""
         free = start.size - self._sizes.walk * holds_walk
@@ -243,15 +239,14 @@ class Likelihood:
         return value, slope + x / self._width**2, curvature
 
     def _covariance(
-        self, of: Parameters
+        self, of: NoiseParameters
     ) -> tuple[Complex[np.ndarray, "b e e"], Complex[np.ndarray, "m b e e"]]:
         """The signals' covariance, and its derivatives by the parameters."""
         gain, kz, e, c = self._bands.gain, self._bands.kz, self._elements, self._unknowns
         root, (shape, by_shape) = self._root(of), prior_shape(of, self._bands.around)
         lobes, scales = LOBE * shape, np.sqrt(np.diag(root))
         # Half of the signal of each component with all others, and the friction between two.
-        parts = [np.where(np.arange(c) == own, root.T, 0.0).T / 2 for own in range(c)]
-        parts = [part + part.T for part in parts]
+        parts = [root * (one[:, None] + one) / 2 for one in np.eye(c)]
         if c == 2:
             cross = scales[0] * scales[1] * (1 - np.tanh(of.coupling[0]) ** 2)
             parts.append(cross * (1 - np.eye(2)))
@@ -275,13 +270,13 @@ class Likelihood:
         return signal + (white + tail + walk).sum(axis=0), changes
 
     def signal(
-        self, of: Parameters, kz: Float[np.ndarray, " k"], gain: Complex[np.ndarray, "k e c"]
+        self, of: NoiseParameters, kz: Float[np.ndarray, " k"], gain: Complex[np.ndarray, "k e c"]
     ) -> Float[np.ndarray, "k e"]:
         """The power of the traction's signals under the prior."""
         root, (shape, _) = self._root(of), prior_shape(of, kz)
         return np.einsum("kec,cd,ked,k->ke", gain, root, gain.conj(), shape).real
 
-    def noise(self, of: Parameters, kz: Float[np.ndarray, " k"]) -> list[np.ndarray]:
+    def noise(self, of: NoiseParameters, kz: Float[np.ndarray, " k"]) -> list[np.ndarray]:
         """The power (#k, #e) of each part of the noise."""
         waves, rate = self._waves(kz)[:, None], np.exp(-2 * np.sum(of.memory))
         none = np.zeros((1, 1))
@@ -294,17 +289,17 @@ class Likelihood:
         cell = self._bands.cell
         return (2 / cell * np.sin(np.clip(kz * cell, 1e-9, np.pi) / 2)) ** 2
 
-    def _root(self, of: Parameters) -> Float[np.ndarray, "c c"]:
+    def _root(self, of: NoiseParameters) -> Float[np.ndarray, "c c"]:
         scale = np.sqrt(self._unit * np.exp(of.level))
         coherence = np.eye(self._unknowns)
         if of.coupling.size:
             coherence = coherence + np.tanh(of.coupling) * (1 - coherence)
         return np.outer(scale, scale) * coherence
 
-    def _parted(self, x: Float[np.ndarray, " m"]) -> Parameters:
-        return Parameters(*np.split(x, np.cumsum(self._sizes)[:-1]))
+    def _parted(self, x: Float[np.ndarray, " m"]) -> NoiseParameters:
+        return NoiseParameters(*np.split(x, np.cumsum(self._sizes)[:-1]))
 
-    def _row(self, values: Parameters) -> Float[np.ndarray, " m"]:
+    def _row(self, values: NoiseParameters) -> Float[np.ndarray, " m"]:
         """One number for all parameters of each kind, or one for each."""
         return np.concatenate(
             [np.broadcast_to(v, n) for n, v in zip(self._sizes, values, strict=True)]
@@ -312,7 +307,7 @@ class Likelihood:
 
 
 def prior_shape(
-    of: Parameters, kz: Float[np.ndarray, "*k"]
+    of: NoiseParameters, kz: Float[np.ndarray, "*k"]
 ) -> tuple[Float[np.ndarray, "*k"], Float[np.ndarray, "*k 2"]]:
     """The prior's shape, one at k z = 1, and the slopes of its logarithm by the logarithms of a and
     b."""

@@ -10,7 +10,7 @@ from experiments.robustness.hindsight import best_in_hindsight
 from experiments.robustness.scans import RATE_HZ, SCENES, SPEED, ornstein_uhlenbeck, scan
 from srsinv.inverse.estimate import coverage_90, relative_error
 from srsinv.inverse.noise.correlated import cell_noise
-from srsinv.inverse.noise.whittle import Bands, CellSignals, Likelihood
+from srsinv.inverse.noise.whittle import CellSignals, Likelihood, SpectralBands
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.modules import with_fields
 from srsinv.recorded import problem_of, ready
@@ -50,7 +50,7 @@ def correlated(scene, seed, times, correlation_s):
 @pytest.mark.parametrize("parts", [(False, False), (True, True)])
 def test_slopes_of_the_likelihood_are_those_of_its_differences(scene, parts):
     made = scan(SCENES[scene], np.random.default_rng(0))
-    likelihood = Likelihood(Bands.of(CellSignals.of(as_white(made), DEPTH_M)), *parts)
+    likelihood = Likelihood(SpectralBands.of(CellSignals.of(as_white(made), DEPTH_M)), *parts)
     size = np.concatenate(likelihood.greatest()[1]).size
     x = 0.3 * np.random.default_rng(1).normal(size=size)
     _, slopes, _ = likelihood(x)
