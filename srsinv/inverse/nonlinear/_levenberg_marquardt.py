@@ -78,14 +78,16 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     Where the residual's derivative is discontinuous it has no second one: `bends` is then False. It
     ends when a step is below `rtol` of y, when the cosine between the residual and every free
-    column of the Jacobian is below it, or when its square bounds the fall of the cost; the last
-    step is still taken where it does no harm.
+    column of the Jacobian is below it, when its square bounds the fall of the cost, or at `near`
+    standard errors from the linear problem's minimum, by the residual's own size; the last step is
+    still taken where it does no harm.
     """
 
     lower: Float[Array, " m"]
     upper: Float[Array, " m"]
     rtol: float
     bends: bool = True
+    near: float = 0.0
     atol: float = 0.0
     norm: Callable[[Any], Array] = optx.two_norm
 
@@ -171,7 +173,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         # convergence only below the variables' rounding.
         undamped = 1 + damping
         small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
-        flat = undamped * predicted <= self._ftol * point.cost
+        # At `near` standard errors from its minimum the cost, n s^2 / 2, is near^2 s^2 / 2 above it.
+        fall = max(self._ftol, self.near**2 / point.q.shape[0])
+        flat = undamped * predicted <= fall * point.cost
         return (cosine <= self.rtol) | small | flat
 
 

@@ -20,6 +20,7 @@ from ._uncertainty import CONVERGED
 
 # Where the derivative jumps: the standard errors within which a minimum can be located.
 ROUGH = 100.0
+PART = 0.5  # of that: where a search ends, as steps beyond it follow the jumps
 OUT_OF_BOX = 1e-6  # of a start: by which only rounding puts a minimum out of its bounds
 EXACT = 1e-6  # of the jumps of a derivative: its error between two of them
 
@@ -151,7 +152,10 @@ class Optimistix(Solver):
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         rtol = relative(self.tolerance, z0.dtype)
         bends = self.rounding is None
-        method = BoundedLevenbergMarquardt(lower=lower, upper=upper, rtol=rtol, bends=bends)
+        near = PART * ROUGH * (self.rounding or 0.0)
+        method = BoundedLevenbergMarquardt(
+            lower=lower, upper=upper, rtol=rtol, bends=bends, near=near
+        )
         solution = optx.least_squares(
             lambda z, _: residual(z), method, z0, max_steps=self.max_steps, throw=False
         )
