@@ -1,16 +1,20 @@
-"""Uncertainty budget of a fit in a result: its parts, in words, and what would reduce it most."""
+"""Uncertainty budgets in a result: their parts, in words, and what would reduce a fit's most."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import numpy as np
+from jaxtyping import Bool, Float
 
-from ..inverse.features.budget import CELLS, NOISE
+from ..inverse.diagnostics import Quality
+from ..inverse.estimate import COMPONENTS, Estimate, TractionEstimate
+from ..inverse.features.budget import CELLS
 from ..inverse.features.estimate import FeatureEstimate
-from ..inverse.rig.error import CALIBRATION, RigError, SensorError
+from ..inverse.line.rig_bands import stderr_by_source
+from ..inverse.rig.error import CALIBRATION, NOISE, RigError, SensorError
 from ..inverse.rig.tolerance import RELATIVE_DEFAULTS
 from ..quantities import best_unit, quantity, significant, suffix
 from ..report.text import unit_of, without_unit
+from .estimates import Variables
 
 BETTER = 5.0  # by which a fact is measured better in what would help most
 SAID = 0.1  # of a standard error: smaller parts are not named in the summary
@@ -34,7 +38,7 @@ def source_in_words(source: str) -> str:
     return NAMED.get(source) or without_unit(source)
 
 
-def budget_variables(best: FeatureEstimate, rig: SensorError | None) -> dict[str, tuple[Any, ...]]:
+def budget_variables(best: FeatureEstimate, rig: SensorError | None) -> Variables:
     """The parts of each standard error by their source, the largest sources first, with what is
     said of them; nothing where there is no budget."""
     sources = _sources(best)
@@ -43,28 +47,94 @@ def budget_variables(best: FeatureEstimate, rig: SensorError | None) -> dict[str
     parts = [
         [best.budget.parts[name].get(source, 0.0) for source in sources] for name in best.parameters
     ]
-    sized = [_tolerance_in_words(source, rig) for source in sources]
-    origins = rig.origin_of if isinstance(rig, RigError) else {}
-    each = [_in_words(best, name) for name in best.parameters]
+    each = [
+        _in_words(best.budget.parts[name], *best.parameters[name], unit_of(name))
+        for name in best.parameters
+    ]
     return {
         "budget": (("reported", "source"), parts, "SI", "{reported!s}_stderr_{source!s}"),
         "budget_words": ("reported", each, "1"),
         "remedy": ("reported", [_remedy(best, rig, name) for name in best.parameters], "1"),
+        **_facts_of(sources, rig),
+    }
+
+
+def budget_coordinates(best: FeatureEstimate) -> Variables:
+    """The sources of the errors."""
+    sources = _sources(best)
+    return {"source": (sources, "1")} if sources else {}
+
+
+def highest_budget(
+    estimates: Mapping[str, Estimate],
+    rig: SensorError | None,
+    cells: Bool[np.ndarray, " n"],
+    unit: str,
+) -> tuple[Variables, Variables]:
+    """The parts of the standard errors of the highest p and q over `cells` by each method, as
+    variables, and the coordinate of their sources, the largest first; nothing of a rig that is
+    exact."""
+    by_method = {
+        name: stderr_by_source(estimate, rig)
+        if isinstance(estimate, TractionEstimate) and estimate.quality is not Quality.FAILED
+        else {}
+        for name, estimate in estimates.items()
+    }
+    names = list(dict.fromkeys(source for parts in by_method.values() for source in parts))
+    if not names:
+        return {}, {}
+    unknown = np.full((len(COMPONENTS), len(names) + 2), np.nan)
+    each = [
+        _at_the_highest(estimates[name], [parts[source] for source in names], cells)
+        if parts
+        else unknown
+        for name, parts in by_method.items()
+    ]
+    _, whole, rows = np.split(np.stack(each), [1, 2], axis=-1)
+    size = np.nanmax(rows / np.where(whole > 0, whole, np.nan), axis=(0, 1))
+    order = np.argsort(-np.nan_to_num(size), kind="stable")
+    sources = [names[i] for i in order]
+    words = [
+        [
+            _in_words(dict(zip(names, row[2:], strict=True)), row[0], row[1], unit)
+            for row in method.tolist()
+        ]
+        for method in each
+    ]
+    by, own = ("estimator", "component"), "Pa" if unit == "Pa" else "relative"
+    key = f"{{component}}_peak_stderr_{{source!s}}_{own}_{{estimator}}"
+    variables: Variables = {
+        "peak_stderr": (by, whole[..., 0], unit, f"{{component}}_peak_stderr_{own}_{{estimator}}"),
+        "peak_budget": ((*by, "source"), rows[..., order], unit, key),
+        "peak_budget_words": (by, words, "1"),
+        **_facts_of(sources, rig),
+    }
+    return variables, {"source": (sources, "1")}
+
+
+def _at_the_highest(
+    estimate: Estimate, parts: Sequence[Float[np.ndarray, "2 n"]], cells: Bool[np.ndarray, " n"]
+) -> Float[np.ndarray, "2 column"]:
+    """The highest p and q over `cells`, their standard errors, and the parts of these."""
+    columns = np.stack([estimate.value, estimate.stderr, *parts], axis=-1)[:, cells]
+    return np.stack([rows[np.argmax(rows[:, 0])] for rows in columns.astype(float)])
+
+
+def _facts_of(sources: Sequence[str], rig: SensorError | None) -> Variables:
+    """What is said of the sources: their names in words, their tolerances and their origins."""
+    sized = [_tolerance_in_words(source, rig) for source in sources]
+    origins = rig.origin_of if isinstance(rig, RigError) else {}
+    return {
         "source_words": ("source", [source_in_words(source) for source in sources], "1"),
         "source_tolerance": ("source", sized, "1"),
         "source_origin": ("source", [origins.get(source, "") for source in sources], "1"),
     }
 
 
-def budget_coordinates(best: FeatureEstimate) -> dict[str, tuple[Any, ...]]:
-    """The sources of the errors."""
-    sources = _sources(best)
-    return {"source": (sources, "1")} if sources else {}
-
-
 def _sources(best: FeatureEstimate) -> list[str]:
-    """The sources, that with the largest part of any standard error first."""
-    if not best.budget.parts:
+    """The sources, that with the largest part of any standard error first; none without an
+    answer."""
+    if not best.budget.parts or best.quality is Quality.FAILED:
         return []
     listed = list(dict.fromkeys(source for parts in best.budget.parts.values() for source in parts))
 
@@ -79,16 +149,15 @@ def _sources(best: FeatureEstimate) -> list[str]:
     return sorted(listed, key=share, reverse=True)
 
 
-def _in_words(best: FeatureEstimate, name: str) -> str:
+def _in_words(parts: Mapping[str, float], value: float, stderr: float, unit: str) -> str:
     """The parts of one standard error, the largest first: `Young's modulus 1.7, gain 1 0.5 µm`."""
-    value, stderr = best.parameters[name]
     if not np.isfinite(stderr) or stderr == 0:
         return ""
-    parts = sorted(best.budget.parts[name].items(), key=lambda each: -each[1])
-    factor, unit = best_unit(unit_of(name), value)
+    factor, unit = best_unit(unit, value)
+    largest = sorted(parts.items(), key=lambda each: -each[1])
     said = [
         f"{source_in_words(source)} {significant(part * factor, 2)}"
-        for source, part in parts
+        for source, part in largest
         if part > SAID * stderr
     ]
     return f"{', '.join(said)}{suffix(unit)}"

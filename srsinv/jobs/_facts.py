@@ -12,6 +12,7 @@ from ..inverse.features.synthetic import SyntheticScan
 from ..inverse.gridding.cells import FEW, sample_spacing_m
 from ..inverse.line.problem import LineProblem
 from ..inverse.problem import Problem
+from ..inverse.rig.error import SensorError
 from ..quantities import quantity
 from ..recording import Recording
 from ..recording.drift import common_level
@@ -113,8 +114,13 @@ def of_recording(recording: Recording, problem: Problem, times: Any) -> Facts:
         "noise_is_of_quiet": int(bool(recording.sidecar.get("quiet_s"))),
         "mains_Hz": ", ".join(f"{line.frequency_Hz:.4g}" for line in problem.mains),
         "drift_is_found": int(recording.sidecar.get("drift") == "auto"),
-        **({} if problem.rig is None else {"rig_error": problem.rig.words}),
+        **of_rig(None if problem.rig is None else problem.rig.of_signals),
     }
+
+
+def of_rig(rig: SensorError | None) -> dict[str, Any]:
+    """What is not known exactly of a rig."""
+    return {} if rig is None else {"rig_error": rig.words}
 
 
 def _each(levels: Iterable[Any], unit: str) -> str:

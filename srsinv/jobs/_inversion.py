@@ -28,6 +28,7 @@ from ..report.result import Result
 from ..report.section import sections
 from ..report.text import quantity, significant
 from ..timing import timed
+from ._budget import highest_budget
 from ._passes import pass_variables
 from .estimates import (
     Answers,
@@ -119,6 +120,7 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     estimates = answers.first
     units, cells = (case.signal_unit, case.traction_unit), case.problem.observed_cells
     own = estimate_variables(answers, (), units, cells)
+    parts, sources = highest_budget(estimates, case.problem.rig, cells, case.traction_unit)
     variables = (
         _signals(case)
         | own
@@ -127,6 +129,7 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
         | dict(case.stages)
         | _scores(case, answers)
         | _highest(case, own["estimate"][1])
+        | parts
         | answer_variables(estimates)
         | _screened(case.screening)
         | pass_variables(case.problem, estimates)
@@ -141,7 +144,8 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     }
     if case.traction_unit != "Pa":
         attributes["is_relative"] = 1
-    return dataset(variables, _labels(case, list(estimates)), **case.facts, **attributes, **said)
+    labels = _labels(case, list(estimates)) | sources
+    return dataset(variables, labels, **case.facts, **attributes, **said)
 
 
 def _labels(case: InversionCase, names: Sequence[str]) -> Variables:

@@ -148,6 +148,7 @@ def _of_fit(fitted: FittedRecording, solver: Solver) -> dict[str, Any]:
         }
     if "height" in model.loading.PROFILES:
         facts |= {
+            **_facts.of_rig(problem.rig),
             "nominal_pressure_Pa": problem.nominal_pressure_Pa,
             "contact_window_m": float(model.line.cell_m * model.line.n),
             "cells": model.line.n,

@@ -14,8 +14,9 @@ from scipy.special import ndtri
 
 from ... import false_alarm
 from ..nonlinear import Fit
+from ..rig.error import NOISE
 
-NOISE, CELLS = "noise", "cells"
+CELLS = "cells"
 LEAST_LEARNED = 1e-4  # of the variance of a fact: less is rounding
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
 

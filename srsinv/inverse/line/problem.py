@@ -29,7 +29,7 @@ from ..gridding.passes import AveragedPasses
 from ..noise.model import Samples, noise_on_line
 from ..noise.whitener import residual_squares
 from ..rig.error import SensorError
-from ..rig.setup import OF_CONTACT, Setup
+from ..rig.setup import Setup
 from .model import CHI2, FREEDOM, EstimateParts, LineModel, chi2, have_zero_mean, less_means
 
 
@@ -292,7 +292,7 @@ class LineProblem(LineModel):
         """The problem of a sensor that slides along the line, one sample at each cell; `known` as
         the class takes it. `scan_start_m`: where the scan starts, None: in the first cell."""
         operator = sensor.operator(line, scan)
-        of_signal = None if rig is None else rig.without(frozenset(OF_CONTACT))
+        of_signal = None if rig is None else rig.of_signals
         if of_signal is not None:
             own = np.asarray(operator.transfer)
 

@@ -12,12 +12,15 @@ and so a gain: x^T P x is about the resolved degrees of freedom m, and takes a g
 error s for wrong by s m standard errors (Rice 1986, on partial splines).
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Float
 
-from ..estimate import Numbers
+from ..estimate import Numbers, TractionEstimate
 from ..noise.nuisance import Nuisance
 from ..noise.whitener import NoisePrecision
+from ..rig.error import NOISE, SensorError
 from .gaps import Gaps
 from .prior import Solution
 from .problem import LineProblem
@@ -57,16 +60,40 @@ def _times_covariance(
     return (right.reshape(len(right), -1) @ covariance.T).reshape(right.shape)
 
 
+def rig_parts(
+    moved: Float[Numbers, "j c n"], weights: Any, friction: Any
+) -> Float[np.ndarray, "j 2 n"]:
+    """What these changes by the rig add to the errors of p and q, less their mean by `weights`
+    (c, n) where that of the standard errors is taken out; `friction`: mu where q = mu p."""
+    each = np.asarray(moved, float)
+    off = each - np.einsum("jcn,cn->jc", each, np.asarray(weights))[..., None]
+    return off if friction is None else np.concatenate([off, float(friction) * off], axis=1)
+
+
 def with_rig_errors(
     problem: LineProblem, stderr: Float[Numbers, "2 n"], moved: Float[Numbers, "j c n"]
 ) -> Float[np.ndarray, "2 n"]:
-    """Standard errors of p and q with these changes by the rig, less their mean where that of the
-    standard errors is taken out."""
-    weights = np.asarray(problem.mean_weights)
-    each = np.asarray(moved)
-    off = each - np.einsum("jcn,cn->jc", each, weights)[..., None]
-    added = np.sum(off**2, axis=0)
-    if problem.friction is not None:
-        added = np.concatenate([added, float(problem.friction) ** 2 * added])
-    own = np.asarray(stderr)
-    return np.sqrt(own.astype(float) ** 2 + added).astype(own.dtype)
+    """Standard errors of p and q with these changes by the rig."""
+    parts, own = rig_parts(moved, problem.mean_weights, problem.friction), np.asarray(stderr)
+    return np.sqrt(own.astype(float) ** 2 + np.sum(parts**2, axis=0)).astype(own.dtype)
+
+
+def stderr_by_source(
+    estimate: TractionEstimate, rig: SensorError | None
+) -> dict[str, Float[np.ndarray, "2 n"]]:
+    """The parts of the standard errors of p and q by their source, `noise` (with what the prior
+    leaves open) first: their squares add up to the square of the standard error. Empty where the
+    rig is exact."""
+    moved, own = estimate.rig_errors, None if rig is None else rig.of_signals
+    if moved is None or own is None:
+        return {}
+    sources = own.sources(len(moved))
+    none = np.zeros(np.asarray(moved).shape[1:])
+    weights = none if estimate.mean_weights is None else estimate.mean_weights
+    squares: dict[str, Float[np.ndarray, "2 n"]] = {}
+    for source, part in zip(sources, rig_parts(moved, weights, estimate.friction), strict=True):
+        squares[source] = squares.get(source, 0.0) + part**2
+    left = np.asarray(estimate.stderr, float) ** 2 - sum(squares.values())
+    return {
+        name: np.sqrt(np.maximum(square, 0.0)) for name, square in {NOISE: left, **squares}.items()
+    }

@@ -173,7 +173,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         # convergence only below the variables' rounding.
         undamped = 1 + damping
         small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
-        # At `near` standard errors from its minimum the cost, n s^2 / 2, is near^2 s^2 / 2 above it.
+        # At `near` standard errors from its minimum the cost, n s^2 / 2, is near^2 s^2 / 2 higher.
         fall = max(self._ftol, self.near**2 / point.q.shape[0])
         flat = undamped * predicted <= fall * point.cost
         return (cosine <= self.rtol) | small | flat

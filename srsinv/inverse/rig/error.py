@@ -28,7 +28,7 @@ from ...errors import refuse
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import as_real
-from .setup import Setup, number_of_films
+from .setup import OF_CONTACT, Setup, number_of_films
 
 _OF_ELEMENT = re.compile(
     r"gain_([1-9][0-9]{0,3})|angle_([1-9][0-9]{0,3})_deg|offset_([1-9][0-9]{0,3})_m"
@@ -37,6 +37,7 @@ _ROUNDING = 1e-6  # of a correlation, as numbers written by hand have it
 _DEPTH = "depth_m"
 CALIBRATED, STATED, ASSUMED = "calibrated", "stated", "assumed"
 CALIBRATION = "calibration"  # the source of all errors that a calibration left
+NOISE = "noise"  # that of the signals' own errors
 # Steps of differences, in standard deviations. A whole one of the speed moves the ends of a long
 # scan beyond the line.
 STEPS = {"speed": 0.1}
@@ -83,6 +84,16 @@ class SensorError(eqx.Module):
         nothing is left."""
         del names
         return self
+
+    @property
+    def of_calibration(self) -> "SensorError | None":
+        """The error that a calibration left, without that of what is stated or assumed."""
+        return self
+
+    @property
+    def of_signals(self) -> "SensorError | None":
+        """The error of the sensor and its motion, without that of what acts in contact alone."""
+        return self.without(frozenset(OF_CONTACT))
 
 
 class RigError(SensorError):
@@ -184,6 +195,11 @@ class RigError(SensorError):
         origins = tuple(list(self.origin_of.values())[i] for i in own)
         pick = tuple(self.names[i] for i in own)
         return RigError(pick, self.values[own], self.covariance[np.ix_(own, own)], origins)
+
+    @property
+    def of_calibration(self) -> "RigError | None":
+        others = (name for name, origin in self.origin_of.items() if origin != CALIBRATED)
+        return self.without(frozenset(others))
 
     def sources(self, directions: int) -> tuple[str, ...]:
         """Of those that are calibrated, the calibration; else the parameter, as each is a direction

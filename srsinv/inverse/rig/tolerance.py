@@ -1,10 +1,9 @@
 """Tolerances of stated facts: the standard uncertainty of what nobody calibrated.
 
 What a person states of a rig comes from a ruler, a data sheet or a setting, and is right to some
-per cent. Each fact has a standard deviation: that of the sidecar's key `tolerance`, else, where
-tolerances are asked for, the default for a rig that was made by hand (type B of the Guide to the
-Expression of Uncertainty in Measurement, JCGM 100:2008). What a calibration determined has the
-calibration's covariance instead.
+per cent. Each fact has a standard deviation: that of the sidecar's key `tolerance`, else the
+default for a rig that was made by hand (type B of the Guide to the Expression of Uncertainty in
+Measurement, JCGM 100:2008). What a calibration determined has the calibration's covariance instead.
 """
 
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ import numpy as np
 from ...errors import refuse
 from ...forward.sensor import Sensor
 from ...forward.skin import HalfSpace
-from ...recording._schema import HAND_MADE, TOLERANCE_WORDS
+from ...recording._schema import HAND_MADE, NO_TOLERANCE, TOLERANCE_WORDS
 from .error import ASSUMED, STATED, RigError
 from .setup import number_of_films
 
@@ -60,8 +59,12 @@ def rig_error_of(
     nominal_pressure_Pa: float | None,
 ) -> RigError | None:
     """How well a recording's rig is known, by the keys `rig_error` and `tolerance` of its facts;
-    None where all is exact, as it is where no tolerance is stated. One that is stated brings the
-    defaults of the others with it.
+    None where all is exact, by the word `none`.
+
+    A rig without a calibration has the default of each fact that has no tolerance of its own. A
+    calibrated one has the calibration's errors alone: its gains make up for a modulus, a pressure
+    or a speed that is stated a little wrong, in the calibration as in what is measured with it. A
+    tolerance that is stated brings the defaults of the other facts with it there, too.
 
     Where positions are measured the speed has no default: a stage's scale is right to 1e-4 or
     better, and what a tolerance states of it is one of that scale. Raises `BadInput` for a damaged
@@ -72,14 +75,16 @@ def rig_error_of(
     given = facts.get("tolerance")
     own = {} if given is None or given in TOLERANCE_WORDS else given
     stated = {key: value for key, value in own.items() if value is not None}
-    if not stated and given != HAND_MADE:
+    is_asked_for = bool(stated) or given == HAND_MADE
+    if given == NO_TOLERANCE or (calibrated is not None and not is_asked_for):
         return calibrated
     listed = stated_facts(sensor, nominal_pressure_Pa)
     stderr: dict[str, float] = {}
     for fact in listed:
         size = stated.get(fact.key, _default(fact, has_measured_positions))
+        if fact.key in stated:
+            _check_size(recording, fact, float(stated[fact.key]))
         if size is not None:
-            _check_size(recording, fact, float(size))
             stderr[fact.name] = float(size)
     origins = {fact.name: STATED if fact.key in stated else ASSUMED for fact in listed}
     own = RigError((), np.zeros(0), np.zeros((0, 0))) if calibrated is None else calibrated
