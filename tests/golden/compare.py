@@ -96,7 +96,8 @@ def _moved(name: str, old: Any, new: Any, own: Tolerance, stderr: Any) -> Moveme
     for key in ("shape", "units"):
         if old[key] != new[key]:
             return Movement(name, key, old[key], new[key], 0.0, math.inf)
-    errors = stderr if isinstance(stderr, Mapping) else {}
+    is_alike = isinstance(stderr, Mapping) and stderr["shape"] == old["shape"]
+    errors = stderr if is_alike else {}
     norm = old.get("norm", 0.0)
     least = LEAST * norm / max(math.prod(old["shape"]), 1) ** 0.5
     moves = [_movement(name, "norm", norm, new.get("norm", 0.0), own, norm, errors.get("norm"))]
