@@ -22,6 +22,7 @@ from ...forward.noise import exponential_spectrum
 from ...grid import Line, half_spectrum_weights
 from ...modules import with_fields
 from ..line.problem import LineProblem
+from .causes import LikelyCause, causes_of_noise, in_words
 from .model import of_walk
 from .whittle import TAIL, WALK, CellSignals, Likelihood, NoiseParameters, SpectralBands
 
@@ -37,6 +38,7 @@ class CellNoise(NamedTuple):
     - `trend` (e,): the largest value of a constant and a slope that no traction makes; zero where
       there is none. `has_trend`: whether these are to be estimated with the traction.
     - `clear_m`: the shortest and the longest wave at which the signal is above the noise.
+    - `causes`: what may look like the correlated part, the likeliest first.
     """
 
     white: Float[np.ndarray, " e"]
@@ -46,6 +48,7 @@ class CellNoise(NamedTuple):
     trend: Float[np.ndarray, " e"]
     has_trend: bool
     clear_m: tuple[float, float]
+    causes: tuple[LikelyCause, ...] = ()
 
     def power(self, line: Line) -> Float[np.ndarray, "e k"]:
         """Its power at the line's wavenumbers."""
@@ -63,8 +66,8 @@ class CellNoise(NamedTuple):
             words.append(
                 f"Noise that is correlated over {1e3 * self.length_m:.2g} mm was found, "
                 f"{ratio:.2g} times the white noise of a cell. The bands include it, and the "
-                f"signal is above it at waves from {shortest:.2g} to {longest:.2g} mm. It may be a "
-                "misfit of the model: check clipping, gains, depth, angles and speed."
+                f"signal is above it at waves from {shortest:.2g} to {longest:.2g} mm. "
+                f"{self._cause}"
             )
         if self.walk.any():
             words.append(
@@ -80,6 +83,15 @@ class CellNoise(NamedTuple):
                 "recording.drift=auto."
             )
         return tuple(words)
+
+    @property
+    def _cause(self) -> str:
+        if self.causes:
+            return f"A misfit of the model explains it as well: {in_words(self.causes)}."
+        return (
+            "It may be a misfit of the model, which no single gain, depth, angle, offset, low-pass "
+            "or saturation explains."
+        )
 
 
 def with_found_noise(
@@ -110,7 +122,8 @@ def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) 
     signals = CellSignals.of(problem, depth_m)
     if not signals.stretches:
         return None
-    likelihood, of = _likeliest(SpectralBands.of(signals), is_drifting)
+    bands = SpectralBands.of(signals)
+    likelihood, of, gained = _likeliest(bands, is_drifting)
     kz = signals.kz[1:]
     power = likelihood.signal(of, kz, np.moveaxis(signals.gain[..., 1:], -1, 0))
     noise = sum(likelihood.noise(of, kz), np.zeros(1))
@@ -119,11 +132,17 @@ def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) 
     if not (of.tail.size or has_trend):
         return None
     is_clear = np.any(power > noise, axis=1)
-    return _found(signals, of, depth_m, is_clear, trend, has_trend)
+    found = _found(signals, of, depth_m, is_clear, trend, has_trend)
+    if is_drifting or not of.tail.size:
+        return found
+    return found._replace(causes=causes_of_noise(problem, signals, bands, gained))
 
 
-def _likeliest(bands: SpectralBands, is_drifting: bool) -> tuple[Likelihood, NoiseParameters]:
-    """The parts of the noise that the signals speak for, and their parameters.
+def _likeliest(
+    bands: SpectralBands, is_drifting: bool
+) -> tuple[Likelihood, NoiseParameters, float]:
+    """The parts of the noise that the signals speak for, their parameters, and what a correlated
+    part gains of the likelihood's logarithm.
 
     Of a correlated part, chance makes more than g in the likelihood's logarithm with a probability
     of about e^-g. A walk is there where a drift is known to be, and as large as it may be: what may
@@ -133,9 +152,11 @@ def _likeliest(bands: SpectralBands, is_drifting: bool) -> tuple[Likelihood, Noi
     cost, of = likelihood.greatest()
     correlated = Likelihood(bands, True, is_drifting)
     less, other = correlated.greatest(of)
-    if cost - less > -np.log(false_alarm.NOISE_PART):
+    gained = cost - less
+    if gained > -np.log(false_alarm.NOISE_PART):
         likelihood, cost, of = correlated, less, other
-    return likelihood, likelihood.with_most_walk(of, cost) if is_drifting else of
+    of = likelihood.with_most_walk(of, cost) if is_drifting else of
+    return likelihood, of, gained
 
 
 def _found(

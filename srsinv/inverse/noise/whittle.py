@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Int
 
 from ...recording.noise import ABOVE_CUTOFF, filled, stretches_of
 from ..line.problem import LineProblem
@@ -99,8 +99,8 @@ class CellSignals(NamedTuple):
 
 class SpectralBands(NamedTuple):
     """Spectra in bands of wavenumbers, in units of the white noise: of the signals (b, e, e), and
-    of the model (b, 3, e, c) at `around` (b, 3), the wavenumbers of a taper's lobe about `kz` (b,);
-    each band of `weight` (b,) independent wavenumbers."""
+    of the model (b, 3, e, c) at `around` (b, 3), the wavenumbers of a taper's lobe about `kz` (b,)
+    and their `places` (b, 3) on the line's; each band of `weight` (b,) independent wavenumbers."""
 
     kz: Float[np.ndarray, " b"]
     around: Float[np.ndarray, "b 3"]
@@ -108,6 +108,7 @@ class SpectralBands(NamedTuple):
     power: Complex[np.ndarray, "b e e"]
     gain: Complex[np.ndarray, "b 3 e c"]
     cell: float
+    places: Int[np.ndarray, "b 3"]
 
     @classmethod
     def of(cls, signals: CellSignals) -> "SpectralBands":
@@ -126,9 +127,20 @@ class SpectralBands(NamedTuple):
             signals.kz[around],
             np.array([own.stop - own.start for own in each]) * independent,
             np.stack([spectra[..., own].mean(axis=-1) for own in each]),
-            np.moveaxis(signals.gain[..., around], (-2, -1), (0, 1)),
+            _at(signals.gain, around),
             signals.cell,
+            around,
         )
+
+    def with_gain(self, signals: CellSignals) -> "SpectralBands":
+        """The same spectra under the model of other signals."""
+        return self._replace(gain=_at(signals.gain, self.places))
+
+
+def _at(
+    gain: Complex[np.ndarray, "e c k"], places: Int[np.ndarray, "b 3"]
+) -> Complex[np.ndarray, "b 3 e c"]:
+    return np.moveaxis(gain[..., places], (-2, -1), (0, 1))
 
 
 def _edges(kz: Float[np.ndarray, " k"], first: float) -> list[int]:

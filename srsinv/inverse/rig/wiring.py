@@ -4,7 +4,9 @@ Each fault of the wiring is a model of its own: an element turned in sign, witho
 with another, or giving another's signal. Under a Gaussian prior of p and q (a grid of levels,
 lengths and frictions, all as probable) the data have an evidence Z under each. A fault is reported
 where Z_fault / Z_stated exceeds 1/a: under the wiring as stated that happens with a probability of
-at most a (Markov's inequality, as the ratio's mean is one).
+at most a (Markov's inequality, as the ratio's mean is one). A gain, an angle, an offset or a
+saturation can look like such a fault: where one of these explains the signals better it is reported
+instead.
 """
 
 import itertools
@@ -16,6 +18,7 @@ from scipy.special import logsumexp
 
 from ... import false_alarm
 from ..line.problem import LineProblem
+from ..noise.causes import causes_of_wiring, in_words
 from ..noise.nuisance import WithoutNuisance
 
 LEVELS = 10.0 ** np.arange(-2.0, 2.1, 0.5)  # of p, in units of that which makes the data's power
@@ -38,7 +41,7 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
         return ()
     k = np.asarray(problem.line.k)[1:]
     used = np.flatnonzero((k * depth_m < DEEP) & ~_of_waves(problem)[1:]) + 1
-    problem = WithoutNuisance.of(problem).problem
+    given, problem = problem, WithoutNuisance.of(problem).problem
     together = problem.is_observed.all(axis=0)
     data = np.fft.rfft(np.where(together, np.asarray(problem.data), 0.0)) / np.sqrt(problem.line.n)
     white = data[:, used] / np.sqrt(np.asarray(problem.noise, float)[:, used])
@@ -46,13 +49,21 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     gain = gain.astype(complex)
     priors = list(_priors(gain, white, k[used - 1] * depth_m))
     stated = _log_evidence(gain, white, priors)
-    faults = list(_faults(gain, names, np.mean(np.abs(white) ** 2, axis=1)))
+    power = np.mean(np.abs(white) ** 2, axis=1)
+    faults = list(_faults(gain, names, power))
     ratios = [_log_evidence(each, white, priors) - stated for each, _ in faults]
     best = int(np.argmax(ratios))
     if not ratios[best] > np.log(len(faults) / false_alarm.WIRING):
         return ()
-    power = ratios[best] / np.log(10)
-    times = f"more than 10^{MOST_DIGITS}" if power > MOST_DIGITS else f"10^{power:.0f}"
+
+    def fault(gain: Gain) -> Gain:
+        return list(_faults(gain, names, power))[best][0]
+
+    instead = causes_of_wiring(given, depth_m, fault)
+    if instead:
+        return (f"The signals fit another rig than the one stated: {in_words(instead)}.",)
+    tens = ratios[best] / np.log(10)
+    times = f"more than 10^{MOST_DIGITS}" if tens > MOST_DIGITS else f"10^{tens:.0f}"
     return (
         f"{faults[best][1]} The signals are {times} times as probable "
         "with that as with the elements as stated; if the wiring is right, then a gain, an angle "

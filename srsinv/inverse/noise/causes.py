@@ -1,0 +1,207 @@
+"""Which fact of the rig, if it were another, would explain what looks like correlated noise.
+
+Each of the usual causes is a model of its own, with one number: a gain, an angle, an offset or a
+low-pass of one element beside the others, the depth, a saturation. The signals have a likelihood
+under each (see whittle.py), its number the likeliest, with noise that is white. A cause that makes
+the signals as probable as correlated noise does may be what the misfit comes from.
+
+One element shows none of this: another traction makes up for each of these causes.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex
+from scipy.interpolate import BarycentricInterpolator
+from scipy.optimize import minimize_scalar
+
+from ... import false_alarm
+from ...forward.scan import ConstantSpeed
+from ...forward.sensor import Sensor
+from ...grid import Line
+from ...quantities import quantity, significant
+from ..line.problem import LineProblem
+from ..rig.setup import Setup, number_of_films
+from .whittle import CellSignals, Likelihood, NoiseParameters, SpectralBands
+
+MOST_CELLS = 2048  # of the line that responses are computed on; they are smooth in the wavenumber
+CLOSE = 0.02  # of the range of a cause's number: where its search ends
+TRIALS = 12
+ENOUGH = 0.5  # of what correlated noise explains: a cause that explains less is not named
+AS_GOOD = 0.9  # of what the best one explains: another that is named with it
+# How far a fact may be from what is stated: factors, degrees, and lengths in depths.
+GAINS, DEPTHS, ANGLES_DEG, OFFSETS, LOW_PASSES = (
+    (0.3, 3.0), (0.6, 1.6), (-40.0, 40.0), (-1.0, 1.0), (0.0, 1.5)
+)  # fmt: skip
+SATURATIONS = (0.0, 2.0)  # the largest sample's loss, over what is left of it
+
+NODES = 9  # of a fact, between which responses are interpolated
+
+Bounds = tuple[float, float]
+Gain = Complex[np.ndarray, "e c k"]
+
+
+class LikelyCause(NamedTuple):
+    """A cause by its name, `gain_2`, `angle_2_deg`, `offset_2_m`, `depth_m`, `low_pass_2_m` or
+    `saturation`, and the value that explains the signals best: a gain as a factor on what is
+    stated, a low-pass as its time constant times the speed, a saturation as the fraction that the
+    largest sample has lost."""
+
+    name: str
+    value: float
+
+    @property
+    def words(self) -> str:
+        """The cause in a sentence: `an angle of element 2 of 80.1 degrees`."""
+        name, *rest = self.name.replace("low_pass", "low-pass").split("_")
+        if name == "saturation":
+            return f"a saturation, by {self.value:.0%} at the largest sample"
+        if name == "depth":
+            return f"a depth of {quantity(self.value, 'm')}"
+        element = f"element {rest[0]}"
+        if name == "gain":
+            times = significant(self.value)
+            return f"a gain of {element} that is {times} times what is stated, beside element 1"
+        if name == "angle":
+            return f"an angle of {element} of {self.value:.3g} degrees"
+        if name == "offset":
+            return f"an offset of {element} of {quantity(self.value, 'm')}"
+        return f"a low-pass of {element} over {quantity(self.value, 'm')}"
+
+
+def in_words(causes: Sequence[LikelyCause]) -> str:
+    """Causes and what to do."""
+    return f"{' or '.join(cause.words for cause in causes)}. Measure it, and state what it is"
+
+
+class Cause(NamedTuple):
+    """A cause with its number within `bounds`; what value that is, and what the signals are taken
+    for with it."""
+
+    name: str
+    bounds: Bounds
+    value: Callable[[float], float]
+    signals: Callable[[float], CellSignals]
+    changes_data: bool = False
+
+
+def causes_of_noise(
+    problem: LineProblem, signals: CellSignals, bands: SpectralBands, gained: float
+) -> tuple[LikelyCause, ...]:
+    """The causes that may explain a problem's signals, the likeliest first; none where all of them
+    explain little, and of one element. `gained`: of the likelihood's logarithm by correlated
+    noise."""
+    return _likely(problem, signals, bands, ENOUGH * gained)
+
+
+def causes_of_wiring(
+    problem: LineProblem, depth_m: float, fault: Callable[[Gain], Gain]
+) -> tuple[LikelyCause, ...]:
+    """The causes that explain a problem's signals better than a fault of the wiring does, the
+    likeliest first; `fault`: the responses (e, c, k) with it, from those without."""
+    signals = CellSignals.of(problem, depth_m)
+    if not signals.stretches:
+        return ()
+    bands, level = SpectralBands.of(signals), np.sqrt(signals.white)[:, None, None]
+    cost, of = Likelihood(bands, False, False).greatest()
+    wired = bands.with_gain(signals._replace(gain=fault(signals.gain * level) / level))
+    gained = cost - Likelihood(wired, False, False).greatest(of)[0]
+    return _likely(problem, signals, bands, gained - float(np.log(false_alarm.NOISE_PART)))
+
+
+def _likely(
+    problem: LineProblem, signals: CellSignals, bands: SpectralBands, least: float
+) -> tuple[LikelyCause, ...]:
+    """The causes that make the likelihood's logarithm greater by more than `least`, and about as
+    much as the best of them."""
+    sensor, scan = problem.sensor, problem.scan
+    if sensor is None or scan is None or number_of_films(sensor) < 2:
+        return ()
+    cost, of = Likelihood(bands, False, False).greatest()
+    found: list[tuple[float, LikelyCause]] = []
+    for cause in _causes(signals, sensor, scan, problem.line):
+        less, at = _best(cause, bands, of)
+        found.append((cost - less, LikelyCause(cause.name, cause.value(at))))
+    found.sort(reverse=True)
+    chance = -float(np.log(false_alarm.NOISE_PART / len(found)))
+    enough = max(least, chance, AS_GOOD * found[0][0])
+    return tuple(cause for gain, cause in found if gain > enough)
+
+
+def _best(cause: Cause, bands: SpectralBands, of: NoiseParameters) -> tuple[float, float]:
+    """Minus the logarithm of the greatest likelihood with a cause, and its number there."""
+    near = of
+
+    def cost(at: float) -> float:
+        nonlocal near
+        own = cause.signals(at)
+        changed = SpectralBands.of(own) if cause.changes_data else bands.with_gain(own)
+        least, near = Likelihood(changed, False, False).greatest(near)
+        return least
+
+    low, high = cause.bounds
+    options = {"xatol": CLOSE * (high - low), "maxiter": TRIALS}
+    end = minimize_scalar(cost, bounds=cause.bounds, method="bounded", options=options)
+    return float(end.fun), float(end.x)
+
+
+def _causes(
+    signals: CellSignals, sensor: Sensor, scan: ConstantSpeed, line: Line
+) -> Iterator[Cause]:
+    """All causes of a sensor of several elements."""
+    depth, films = float(sensor.depth_m), number_of_films(sensor)
+    short = type(line)(min(line.n, MOST_CELLS), line.cell_m, line.start_m)
+    waves = np.asarray(short.k, float)
+    level = np.sqrt(signals.white)[:, None, None]
+
+    def response(setup: Setup) -> Gain:
+        transfer = setup.sensor.operator(short, scan).circulant().transfer
+        return np.asarray(transfer, complex) / level
+
+    def with_gain(gain: Gain) -> CellSignals:
+        rows = gain.reshape(-1, waves.size)
+        onto = np.stack([np.interp(signals.kz / depth, waves, row) for row in rows])
+        return signals._replace(gain=onto.reshape(*gain.shape[:2], -1))
+
+    stated = response(Setup(sensor))
+
+    def times(element: int, factor: Callable[[float], Any]) -> Callable[[float], CellSignals]:
+        """Responses of one element with another factor at every wavenumber."""
+
+        def signals_of(at: float) -> CellSignals:
+            gain = stated.copy()
+            gain[element::films] *= factor(at)
+            return with_gain(gain)
+
+        return signals_of
+
+    def of_fact(name: str, value: float, by: Callable[[float], float], bounds: Bounds):
+        """Responses by a fact, interpolated between some of its values."""
+        low, high = bounds
+        nodes = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * np.arange(NODES) / (NODES - 1))
+        setups = [Setup(sensor).changed(name, value, by(at)) for at in nodes.tolist()]
+        gains = BarycentricInterpolator(nodes, np.stack([response(each) for each in setups]))
+        return lambda at: with_gain(gains(at))
+
+    def undone(share: float) -> CellSignals:
+        # Amplifiers end at the same voltage in all channels.
+        size = np.abs(signals.data) * level[..., 0]
+        return signals._replace(data=signals.data * (1 + share * (size / np.nanmax(size)) ** 2))
+
+    yield Cause("saturation", SATURATIONS, lambda at: at / (1 + at), undone, changes_data=True)
+    by_depth = of_fact("depth_m", depth, lambda at: (at - 1) * depth, DEPTHS)
+    yield Cause("depth_m", DEPTHS, lambda at: at * depth, by_depth)
+    for n, film in enumerate(sensor.elements[:films], 1):
+        lags = times(n - 1, lambda at: 1 / (1 + 1j * waves * at * depth))
+        yield Cause(f"low_pass_{n}_m", LOW_PASSES, lambda at: at * depth, lags)
+        if n == 1:  # from which gains, angles and offsets count
+            continue
+        low, high = np.log(GAINS).tolist()
+        yield Cause(f"gain_{n}", (low, high), lambda at: float(np.exp(at)), times(n - 1, np.exp))
+        name, angle = f"angle_{n}_deg", float(np.rad2deg(film.angle_rad))
+        turned = of_fact(name, angle, lambda at: at, ANGLES_DEG)
+        yield Cause(name, ANGLES_DEG, lambda at, own=angle: own + at, turned)
+        name, offset = f"offset_{n}_m", float(film.offset_m)
+        moved = times(n - 1, lambda at: np.exp(1j * waves * at * depth))
+        yield Cause(name, OFFSETS, lambda at, own=offset: own + at * depth, moved)
