@@ -27,7 +27,8 @@ from .whittle import CellSignals, Likelihood, NoiseParameters, SpectralBands
 
 MOST_CELLS = 2048  # of the line that responses are computed on; they are smooth in the wavenumber
 CLOSE = 0.02  # of the range of a cause's number: where its search ends
-TRIALS = 12
+TRIALS = 14
+ROUNDS = 3
 ENOUGH = 0.5  # of what correlated noise explains: a cause that explains less is not named
 AS_GOOD = 0.9  # of what the best one explains: another that is named with it
 # How far a fact may be from what is stated: factors, degrees, and lengths in depths.
@@ -131,19 +132,27 @@ def _likely(
 
 def _best(cause: Cause, bands: SpectralBands, of: NoiseParameters) -> tuple[float, float]:
     """Minus the logarithm of the greatest likelihood with a cause, and its number there."""
-    near = of
 
-    def cost(at: float) -> float:
-        nonlocal near
+    def likelihood(at: float) -> Likelihood:
         own = cause.signals(at)
         changed = SpectralBands.of(own) if cause.changes_data else bands.with_gain(own)
-        least, near = Likelihood(changed, False, False).greatest(near)
-        return least
+        return Likelihood(changed, False, False, unit)
 
+    # The number with all else held, then all else with the number held: they are little coupled,
+    # and most of the time is in the latter.
+    unit = Likelihood(bands, False, False).unit
     low, high = cause.bounds
+    best = (np.inf, 0.0)
     options = {"xatol": CLOSE * (high - low), "maxiter": TRIALS}
-    end = minimize_scalar(cost, bounds=cause.bounds, method="bounded", options=options)
-    return float(end.fun), float(end.x)
+    for _ in range(ROUNDS):
+        held = np.concatenate(of)
+        end = minimize_scalar(
+            lambda at, held=held: likelihood(at)(held)[0],
+            bounds=cause.bounds, method="bounded", options=options,
+        )  # fmt: skip
+        least, of = likelihood(float(end.x)).greatest(of)
+        best = min(best, (least, float(end.x)))
+    return best
 
 
 def _causes(

@@ -179,9 +179,16 @@ RAISED, MOST_RAISED = 1.0, 30  # logarithm of a walk's power, by steps
 
 class Likelihood:
     """Minus the logarithm of the likelihood of bands and of its priors, with its slopes; of noise
-    with a correlated part (`has_tail`) and with a walk (`has_walk`), or without."""
+    with a correlated part (`has_tail`) and with a walk (`has_walk`), or without. `unit` (c,): of the
+    prior's levels; None: that of these bands."""
 
-    def __init__(self, bands: SpectralBands, has_tail: bool, has_walk: bool):
+    def __init__(
+        self,
+        bands: SpectralBands,
+        has_tail: bool,
+        has_walk: bool,
+        unit: Float[np.ndarray, " c"] | None = None,
+    ):
         self._bands = bands
         self._elements, self._unknowns = e, c = bands.gain.shape[2:]
         self._sizes = NoiseParameters(
@@ -190,7 +197,8 @@ class Likelihood:
         own = np.einsum("bee->b", bands.power).real - e
         signal = max(float(bands.weight @ np.maximum(own, 0.0)), 1e-3)
         gains = np.sum(np.abs(bands.gain[:, 1]) ** 2, axis=1) / (1 + bands.kz[:, None] ** 2)
-        self._unit = signal / np.maximum(bands.weight @ gains, np.finfo(float).tiny)
+        largest = np.maximum(bands.weight @ gains, np.finfo(float).tiny)
+        self.unit = signal / largest if unit is None else unit
         self._width = self._row(WIDTHS)
 
     def greatest(self, alone: NoiseParameters | None = None) -> tuple[float, NoiseParameters]:
@@ -302,7 +310,7 @@ class Likelihood:
         return (2 / cell * np.sin(np.clip(kz * cell, 1e-9, np.pi) / 2)) ** 2
 
     def _root(self, of: NoiseParameters) -> Float[np.ndarray, "c c"]:
-        scale = np.sqrt(self._unit * np.exp(of.level))
+        scale = np.sqrt(self.unit * np.exp(of.level))
         coherence = np.eye(self._unknowns)
         if of.coupling.size:
             coherence = coherence + np.tanh(of.coupling) * (1 - coherence)
