@@ -9,6 +9,7 @@ from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, TractionEstimate
 from ..inverse.features.budget import CELLS
 from ..inverse.features.estimate import FeatureEstimate
+from ..inverse.line.problem import LineProblem
 from ..inverse.line.rig_bands import stderr_by_source
 from ..inverse.rig.error import CALIBRATION, NOISE, RigError, SensorError
 from ..inverse.rig.tolerance import RELATIVE_DEFAULTS
@@ -67,15 +68,14 @@ def budget_coordinates(best: FeatureEstimate) -> Variables:
 
 def highest_budget(
     estimates: Mapping[str, Estimate],
-    rig: SensorError | None,
-    cells: Bool[np.ndarray, " n"],
+    problem: LineProblem,
     unit: str,
 ) -> tuple[Variables, Variables]:
-    """The parts of the standard errors of the highest p and q over `cells` by each method, as
-    variables, and the coordinate of their sources, the largest first; nothing of a rig that is
-    exact."""
+    """The parts of the standard errors of the highest p and q by each method, as variables, and the
+    coordinate of their sources, the largest first; nothing of a rig that is exact."""
+    rig, cells, sources = problem.rig, problem.observed_cells, problem.rig_sources
     by_method = {
-        name: stderr_by_source(estimate, rig)
+        name: stderr_by_source(estimate, sources)
         if isinstance(estimate, TractionEstimate) and estimate.quality is not Quality.FAILED
         else {}
         for name, estimate in estimates.items()

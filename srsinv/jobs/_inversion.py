@@ -120,7 +120,7 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     estimates = answers.first
     units, cells = (case.signal_unit, case.traction_unit), case.problem.observed_cells
     own = estimate_variables(answers, (), units, cells)
-    parts, sources = highest_budget(estimates, case.problem.rig, cells, case.traction_unit)
+    parts, sources = highest_budget(estimates, case.problem, case.traction_unit)
     variables = (
         _signals(case)
         | own

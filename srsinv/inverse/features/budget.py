@@ -10,14 +10,11 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.special import ndtri
 
-from ... import false_alarm
 from ..nonlinear import Fit
-from ..rig.error import NOISE
+from ..rig.error import LEAST_TOLD, NOISE, contradiction
 
 CELLS = "cells"
-LEAST_LEARNED = 1e-4  # of the variance of a fact: less is rounding
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
 
 Read = Mapping[str, tuple[float, float]]
@@ -91,14 +88,6 @@ def contradicted(fit: Fit, sources: tuple[str, ...]) -> tuple[str, ...]:
     found = np.asarray(fit.value["calibration"], float)
     # The estimate of a number of variance one has the variance that the data take off it.
     learned = 1 - np.diag(fit.covariance)[own]
-    sure = learned > LEAST_LEARNED
+    sure = learned > LEAST_TOLD
     apart = np.where(sure, np.abs(found) / np.sqrt(np.where(sure, learned, 1.0)), 0.0)
-    worst = int(np.argmax(apart))
-    if apart[worst] <= -float(ndtri(false_alarm.CHECK / 2 / len(own))):
-        return ()
-    named = sources[worst].replace("_", " ")
-    return (
-        f"The signals contradict what is stated of the rig: the fit finds the {named} "
-        f"{abs(found[worst]):.2g} times its tolerance from it, so that this fact is wrong, or the "
-        "model: measure it, or state its tolerance (recording.tolerance).",
-    )
+    return contradiction(apart, found, sources)

@@ -201,6 +201,7 @@ class LineProblem(LineModel):
     - `passes`: what averaging found, where the signals are means over passes.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
     - `modulus_Pa`: the skin's Young's modulus, as a [`Problem`][] has it.
+    - `rig_sources`: the source of the error in each of these directions (rig/error.py).
     - `rig_stretch_m`: how far off one standard deviation of the rig puts the sensor in each cell.
     - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
       independent direction after those of another (see line/rig_bands.py). None: no rig.
@@ -228,6 +229,7 @@ class LineProblem(LineModel):
     rig: SensorError | None
     rig_changes: Convolution | None
     rig_stretch_m: Float[np.ndarray, "k n"] | None
+    rig_sources: tuple[str, ...] = eqx.field(static=True)
     modulus_Pa: float | None = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
@@ -250,6 +252,7 @@ class LineProblem(LineModel):
         rig: SensorError | None = None,
         rig_changes: Convolution | None = None,
         rig_stretch_m=None,
+        rig_sources: Sequence[str] = (),
         modulus_Pa: float | None = None,
         warnings: Sequence[str] = (),
     ):
@@ -266,6 +269,7 @@ class LineProblem(LineModel):
             forward = _of_pressure(forward, friction)
             rig_changes = None if rig_changes is None else _of_pressure(rig_changes, friction)
         self.rig_changes, self.rig_stretch_m = rig_changes, rig_stretch_m
+        self.rig_sources = tuple(rig_sources)
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
         self.observed, self.sensor, self.scan = observed, sensor, scan
@@ -302,6 +306,7 @@ class LineProblem(LineModel):
             moved = of_signal.columns(sensor, own, transfer)
             changes = jnp.asarray(moved.reshape(-1, *own.shape[1:]))
             known["rig_changes"] = dataclasses.replace(operator, transfer=changes)
+            known["rig_sources"] = of_signal.sources(len(moved))
             speed = of_signal.moves("speed", len(moved))
             if speed.any():
                 start = float(line.start_m) if scan_start_m is None else scan_start_m

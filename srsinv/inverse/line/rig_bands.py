@@ -12,6 +12,7 @@ and so a gain: x^T P x is about the resolved degrees of freedom m, and takes a g
 error s for wrong by s m standard errors (Rice 1986, on partial splines).
 """
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from jaxtyping import Float
 from ..estimate import Numbers, TractionEstimate
 from ..noise.nuisance import Nuisance
 from ..noise.whitener import NoisePrecision
-from ..rig.error import NOISE, SensorError
+from ..rig.error import NOISE
 from .gaps import Gaps
 from .prior import Solution
 from .problem import LineProblem
@@ -79,20 +80,22 @@ def with_rig_errors(
 
 
 def stderr_by_source(
-    estimate: TractionEstimate, rig: SensorError | None
+    estimate: TractionEstimate, sources: Sequence[str]
 ) -> dict[str, Float[np.ndarray, "2 n"]]:
     """The parts of the standard errors of p and q by their source, `noise` (with what the prior
-    leaves open) first: their squares add up to the square of the standard error. Empty where the
-    rig is exact."""
-    moved, own = estimate.rig_errors, None if rig is None else rig.of_signals
-    if moved is None or own is None:
+    leaves open) first: their squares add up to the square of the standard error. `sources`: of the
+    problem's rig errors. Empty where the rig is exact."""
+    moved = estimate.rig_errors
+    if moved is None:
         return {}
-    sources = own.sources(len(moved))
     none = np.zeros(np.asarray(moved).shape[1:])
     weights = none if estimate.mean_weights is None else estimate.mean_weights
+    # At most MOST_DIRECTIONS of many: they are then combinations, of one source.
+    named = sources if len(sources) == len(moved) else [sources[0]] * len(moved)
     squares: dict[str, Float[np.ndarray, "2 n"]] = {}
-    for source, part in zip(sources, rig_parts(moved, weights, estimate.friction), strict=True):
+    for source, part in zip(named, rig_parts(moved, weights, estimate.friction), strict=True):
         squares[source] = squares.get(source, 0.0) + part**2
+    squares.pop(NOISE, None)
     left = np.asarray(estimate.stderr, float) ** 2 - sum(squares.values())
     return {
         name: np.sqrt(np.maximum(square, 0.0)) for name, square in {NOISE: left, **squares}.items()

@@ -23,6 +23,7 @@ from ...grid import Line, half_spectrum_weights
 from ...modules import with_fields
 from ..line.problem import LineProblem
 from .causes import LikelyCause, causes_of_noise, in_words
+from .facts import with_learned_facts
 from .model import of_walk
 from .whittle import TAIL, WALK, CellSignals, Likelihood, NoiseParameters, SpectralBands
 
@@ -102,6 +103,7 @@ def with_found_noise(
 
     - `depth_m` of the film. `is_drifting`: whether a drift is known to be there.
     """
+    problem = with_learned_facts(problem, depth_m, is_drifting)
     found = cell_noise(problem, depth_m, is_drifting)
     if found is None:
         return problem

@@ -127,17 +127,17 @@ class SpectralBands(NamedTuple):
             signals.kz[around],
             np.array([own.stop - own.start for own in each]) * independent,
             np.stack([spectra[..., own].mean(axis=-1) for own in each]),
-            _at(signals.gain, around),
+            at_bands(signals.gain, around),
             signals.cell,
             around,
         )
 
     def with_gain(self, signals: CellSignals) -> "SpectralBands":
         """The same spectra under the model of other signals."""
-        return self._replace(gain=_at(signals.gain, self.places))
+        return self._replace(gain=at_bands(signals.gain, self.places))
 
 
-def _at(
+def at_bands(
     gain: Complex[np.ndarray, "e c k"], places: Int[np.ndarray, "b 3"]
 ) -> Complex[np.ndarray, "b 3 e c"]:
     return np.moveaxis(gain[..., places], (-2, -1), (0, 1))
@@ -157,13 +157,15 @@ def _edges(kz: Float[np.ndarray, " k"], first: float) -> list[int]:
 class NoiseParameters(NamedTuple):
     """The model's parameters: logarithms of the prior's levels (c,), its length and slope (1,), of
     the white noise (e,), of the correlated part (e,) at `TAIL` and its memory (1,), and of the walk
-    (e,) at `WALK`; `coupling` (1,), the area tangent of p's and q's coherence. Those of parts that
-    are not in the model are empty. Powers are in units of a first guess."""
+    (e,) at `WALK`; `coupling` (1,), the area tangent of p's and q's coherence; `facts` (j,), how
+    far those of the rig are off, of variance one. Those of parts that are not in the model are
+    empty. Powers are in units of a first guess."""
 
     level: Any
     coupling: Any
     length: Any
     slope: Any
+    facts: Any
     white: Any
     tail: Any
     memory: Any
@@ -172,15 +174,19 @@ class NoiseParameters(NamedTuple):
 
 # Standard deviations of Gaussian priors about zero, so wide that they decide only where the data do
 # not.
-WIDTHS = NoiseParameters(6.0, 2.0, 2.0, 0.5, 0.5, 10.0, 1.5, 10.0)
+WIDTHS = NoiseParameters(6.0, 2.0, 2.0, 0.5, 1.0, 0.5, 10.0, 1.5, 10.0)
+FACTS = NoiseParameters._fields.index("facts")
 START = {"tail": 1.0, "memory": -1.0, "walk": 4.0}
 RAISED, MOST_RAISED = 1.0, 30  # logarithm of a walk's power, by steps
 
 
 class Likelihood:
     """Minus the logarithm of the likelihood of bands and of its priors, with its slopes; of noise
-    with a correlated part (`has_tail`) and with a walk (`has_walk`), or without. `unit` (c,): of the
-    prior's levels; None: that of these bands."""
+    with a correlated part (`has_tail`) and with a walk (`has_walk`), or without.
+
+    - `unit` (c,): of the prior's levels; None: that of these bands.
+    - `facts`: what one standard deviation of each fact of the rig changes of the bands' gain.
+    """
 
     def __init__(
         self,
@@ -188,11 +194,13 @@ class Likelihood:
         has_tail: bool,
         has_walk: bool,
         unit: Float[np.ndarray, " c"] | None = None,
+        facts: Complex[np.ndarray, "b 3 j e c"] | None = None,
     ):
+        self._facts = np.zeros((*bands.gain.shape[:2], 0, 1, 1)) if facts is None else facts
         self._bands = bands
         self._elements, self._unknowns = e, c = bands.gain.shape[2:]
         self._sizes = NoiseParameters(
-            c, int(c == 2), 1, 1, e, e * has_tail, int(has_tail), e * has_walk
+            c, int(c == 2), 1, 1, self._facts.shape[2], e, e * has_tail, int(has_tail), e * has_walk
         )  # fmt: skip
         own = np.einsum("bee->b", bands.power).real - e
         signal = max(float(bands.weight @ np.maximum(own, 0.0)), 1e-3)
@@ -206,6 +214,14 @@ class Likelihood:
         fewer parts, to start from."""
         first = NoiseParameters(*np.zeros(len(WIDTHS))) if alone is None else alone
         return self._search(self._row(first._replace(**START)))
+
+    def posterior(self, of: NoiseParameters) -> Float[np.ndarray, "j j"]:
+        """The covariance of the facts of the rig about the greatest likelihood's parameters, by
+        Fisher's information."""
+        covariance = np.linalg.inv(self(np.concatenate(of))[2])
+        first = sum(self._sizes[:FACTS])
+        own = slice(first, first + self._sizes.facts)
+        return covariance[own, own]
 
     def with_most_walk(self, of: NoiseParameters, cost: float) -> NoiseParameters:
         """The parameters with as large a walk as the signals do not speak against, from those of
@@ -262,7 +278,8 @@ class Likelihood:
         self, of: NoiseParameters
     ) -> tuple[Complex[np.ndarray, "b e e"], Complex[np.ndarray, "m b e e"]]:
         """The signals' covariance, and its derivatives by the parameters."""
-        gain, kz, e, c = self._bands.gain, self._bands.kz, self._elements, self._unknowns
+        kz, e, c = self._bands.kz, self._elements, self._unknowns
+        gain = self._bands.gain + np.einsum("bljec,j->blec", self._facts, of.facts)
         root, (shape, by_shape) = self._root(of), prior_shape(of, self._bands.around)
         lobes, scales = LOBE * shape, np.sqrt(np.diag(root))
         # Half of the signal of each component with all others, and the friction between two.
@@ -275,6 +292,8 @@ class Likelihood:
         whole = each[:c].sum(axis=0)
         signal = by_root[:c].sum(axis=0)
         of_shape = np.einsum("jbef,bj,bjm->mbef", whole, lobes, by_shape)
+        moved = np.einsum("bljec,cd,blfd,bl->jbef", self._facts, root, gain.conj(), lobes)
+        by_facts = moved + moved.swapaxes(-1, -2).conj()
         rate = np.exp(-2 * np.sum(of.memory))
         by_memory = 2 * rate * (1 / (rate + self._waves(kz)) - 1 / (rate + TAIL**2))
         own = np.eye(e)[:, None, :, None] * np.eye(e)
@@ -282,7 +301,7 @@ class Likelihood:
             own * np.broadcast_to(part, (kz.size, e))[..., None] for part in self.noise(of, kz)
         )
         changes = np.concatenate([
-            by_root, of_shape, white,
+            by_root, of_shape, by_facts, white,
             tail[: of.tail.size],
             *[[tail.sum(axis=0) * by_memory[:, None, None]]] * of.memory.size,
             walk[: of.walk.size],

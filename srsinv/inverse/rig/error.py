@@ -16,14 +16,16 @@ error of the facts in it.
 
 import abc
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Shaped
+from scipy.special import ndtri
 
+from ... import false_alarm
 from ...errors import refuse
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
@@ -38,6 +40,7 @@ _DEPTH = "depth_m"
 CALIBRATED, STATED, ASSUMED = "calibrated", "stated", "assumed"
 CALIBRATION = "calibration"  # the source of all errors that a calibration left
 NOISE = "noise"  # that of the signals' own errors
+LEAST_TOLD = 1e-4  # of the variance of a fact, by the data: less is rounding
 # Steps of differences, in standard deviations. A whole one of the speed moves the ends of a long
 # scan beyond the line.
 STEPS = {"speed": 0.1}
@@ -318,6 +321,22 @@ class UncertainSetup(eqx.Module):
                 own = int(name.removeprefix("gain_")) - 1
                 factors[own] = 1 + changes[i] / self.values[i]
         return jnp.stack([factors[n % films] for n in range(len(self.sensor.elements))])
+
+
+def contradiction(
+    apart: Float[np.ndarray, " j"], off: Float[np.ndarray, " j"], sources: Sequence[str]
+) -> tuple[str, ...]:
+    """A warning on the fact that the data contradict most: found `off` from what is stated, in
+    tolerances, and `apart`, in standard errors of that estimate, further than chance makes."""
+    worst = int(np.argmax(apart))
+    if apart[worst] <= -float(ndtri(false_alarm.CHECK / 2 / len(apart))):
+        return ()
+    named = sources[worst].replace("_", " ")
+    return (
+        f"The signals contradict what is stated of the rig: the {named} is found "
+        f"{abs(off[worst]):.2g} times its tolerance from it, so that this fact is wrong, or the "
+        "model: measure it, or state its tolerance (recording.tolerance).",
+    )
 
 
 def _is_covariance(matrix: Float[np.ndarray, "k k"]) -> bool:
