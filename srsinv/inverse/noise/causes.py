@@ -146,7 +146,7 @@ def _best(cause: Cause, bands: SpectralBands, of: NoiseParameters) -> tuple[floa
     options = {"xatol": CLOSE * (high - low), "maxiter": TRIALS}
     for _ in range(ROUNDS):
         held = np.concatenate(of)
-        end = minimize_scalar(
+        end: Any = minimize_scalar(
             lambda at, held=held: likelihood(at)(held)[0],
             bounds=cause.bounds, method="bounded", options=options,
         )  # fmt: skip
