@@ -76,6 +76,7 @@ def test_correlated_noise_is_found_at_its_level():
         for seed in range(8)
     ]
     assert all(found)
+    assert not any(each.causes for each in found)  # no wrong fact explains it as well
     tails = [np.mean(each.correlated**2) / each.length_m for each in found]
     made = SCENES[TWO]
     true = (times * made.white) ** 2 / (correlation_s * SPEED)

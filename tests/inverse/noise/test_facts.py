@@ -14,6 +14,7 @@ from srsinv.inverse.noise.whittle import CellSignals, Likelihood, SpectralBands
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.recorded import problem_of, ready
 from tests.inverse.noise.test_correlated import DEPTH_M, ONE, TWO
+from tests.tiers import quick
 
 CELL_M = 2e-4
 METHOD = Tikhonov(1)
@@ -35,7 +36,7 @@ def error(made, problem):
     return relative_error(np.asarray(estimate.value), truth, cells)
 
 
-@pytest.mark.parametrize("fault", ["angle_5", "gain_of_one_10"])
+@pytest.mark.parametrize("fault", quick(["angle_5", "gain_of_one_10"], "angle_5"))
 def test_a_fact_that_is_off_is_told_and_no_longer_wrong(fault):
     made = faulty(faults()[fault], SCENES[TWO], 0)
     exact, told = on_cells(made, "none"), on_cells(made, "default")

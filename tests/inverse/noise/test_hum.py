@@ -23,15 +23,16 @@ def problem(hum=0.0, speed=0.02, frequency_Hz=50.0, varying=0.0, seed=0, noise=0
     middle, depth = x[-1] / 2, 0.75e-3
     bump = -2 * (x - middle) / depth * np.exp(-(((x - middle) / depth) ** 2))
     step = np.exp(-(((x - 0.7 * x[-1]) / depth) ** 2))
-    clean = np.stack([bump + step, step - bump])
+    clean = (bump + step)[None]
     clean = 1e-3 * clean / np.std(clean)
     phase = 2 * np.pi * frequency_Hz * TIME_S
     rng = np.random.default_rng(seed)
     noisy = clean + noise * 1e-3 * rng.normal(size=clean.shape)
     signal = noisy + 1e-3 * hum * np.sqrt(2) * np.sin(phase + 0.3)
-    films = [Film(depth, angle).with_strip_average() for angle in (0.0, np.pi / 4)]
-    sensor = Sensor(films, HalfSpace(0.5, 7e5), CurrentAmplifier(1e6))
-    return problem_of(Recording(signal, TIME_S, moved, ("a", "b"), facts, name="scan"), sensor)
+    film = Film(depth).with_strip_average()
+    sensor = Sensor([film], HalfSpace(0.5, 7e5), CurrentAmplifier(1e6))
+    recording = Recording(signal, TIME_S, moved, ("a",), facts, name="scan")
+    return problem_of(recording, sensor, friction=0.5)
 
 
 def says(problem, words):
@@ -59,7 +60,7 @@ def test_named_hum_says_nothing():
 
 
 # Speed [m/s] and how much it varies, of scans without hum.
-SOUND = [(0.005, 0.0), (0.02, 0.2), (0.05, 0.0), (0.15, 0.2)]
+SOUND = [(speed, varying) for speed in (0.005, 0.02, 0.05, 0.15) for varying in (0.0, 0.2)]
 
 
 @pytest.mark.parametrize("noise", [1e-4, 0.01, 0.3])
