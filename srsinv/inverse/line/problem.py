@@ -266,8 +266,8 @@ class LineProblem(LineModel):
         check_nuisance(data.shape, self.nuisance)
         if friction is not None:
             friction = as_real(friction)
-            forward = _of_pressure(forward, friction)
-            rig_changes = None if rig_changes is None else _of_pressure(rig_changes, friction)
+            forward = of_pressure(forward, friction)
+            rig_changes = None if rig_changes is None else of_pressure(rig_changes, friction)
         self.rig_changes, self.rig_stretch_m = rig_changes, rig_stretch_m
         self.rig_sources = tuple(rig_sources)
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
@@ -431,7 +431,7 @@ def _estimate_parts(problem: LineProblem, traction, stderr) -> EstimateParts:
     return problem.estimate_parts(traction, stderr)
 
 
-def _of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convolution:
+def of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convolution:
     """The operator from p alone, with q = mu p."""
     transfer = operator.transfer[:, :1] + friction * operator.transfer[:, 1:]
     return dataclasses.replace(operator, transfer=transfer)

@@ -19,9 +19,8 @@ from scipy.optimize import minimize_scalar
 from ... import false_alarm
 from ...forward.scan import ConstantSpeed
 from ...forward.sensor import Sensor
-from ...grid import Line
 from ...quantities import quantity, significant
-from ..line.problem import LineProblem
+from ..line.problem import LineProblem, of_pressure
 from ..rig.setup import Setup, number_of_films
 from .whittle import CellSignals, Likelihood, NoiseParameters, SpectralBands
 
@@ -121,7 +120,7 @@ def _likely(
         return ()
     cost, of = Likelihood(bands, False, False).greatest()
     found: list[tuple[float, LikelyCause]] = []
-    for cause in _causes(signals, sensor, scan, problem.line):
+    for cause in _causes(signals, problem, sensor, scan):
         less, at = _best(cause, bands, of)
         found.append((cost - less, LikelyCause(cause.name, cause.value(at))))
     found.sort(reverse=True)
@@ -156,17 +155,19 @@ def _best(cause: Cause, bands: SpectralBands, of: NoiseParameters) -> tuple[floa
 
 
 def _causes(
-    signals: CellSignals, sensor: Sensor, scan: ConstantSpeed, line: Line
+    signals: CellSignals, problem: LineProblem, sensor: Sensor, scan: ConstantSpeed
 ) -> Iterator[Cause]:
     """All causes of a sensor of several elements."""
+    line, mu = problem.line, problem.friction
     depth, films = float(sensor.depth_m), number_of_films(sensor)
     short = type(line)(min(line.n, MOST_CELLS), line.cell_m, line.start_m)
     waves = np.asarray(short.k, float)
     level = np.sqrt(signals.white)[:, None, None]
 
     def response(setup: Setup) -> Gain:
-        transfer = setup.sensor.operator(short, scan).circulant().transfer
-        return np.asarray(transfer, complex) / level
+        operator = setup.sensor.operator(short, scan)
+        operator = operator if mu is None else of_pressure(operator, mu)
+        return np.asarray(operator.circulant().transfer, complex) / level
 
     def with_gain(gain: Gain) -> CellSignals:
         rows = gain.reshape(-1, waves.size)

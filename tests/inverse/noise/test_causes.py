@@ -32,3 +32,10 @@ def test_every_cause_has_words():
     names = "gain_2", "angle_2_deg", "offset_2_m", "depth_m", "low_pass_1_m", "saturation"
     said = [LikelyCause(name, 0.5).words for name in names]
     assert len({*said}) == len(names)
+
+
+def test_a_wrong_fact_is_named_where_friction_is_known():
+    made = faulty(faults()["gain_of_one_20"], SCENES[TWO], 0)
+    (found,) = cell_noise(as_white(made, cell_m=2e-4, is_apart=False), DEPTH_M).causes
+    assert found.name == "gain_2"
+    assert found.value == pytest.approx(1.2, abs=0.05)
