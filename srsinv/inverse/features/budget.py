@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..nonlinear import Fit
-from ..rig.error import LEAST_TOLD, NOISE, contradiction
+from ..rig.error import NOISE, contradiction
 
 CELLS = "cells"
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
@@ -86,8 +86,4 @@ def contradicted(fit: Fit, sources: tuple[str, ...]) -> tuple[str, ...]:
     if not len(own) or not np.isfinite(fit.covariance[np.ix_(own, own)]).all():
         return ()
     found = np.asarray(fit.value["calibration"], float)
-    # The estimate of a number of variance one has the variance that the data take off it.
-    learned = 1 - np.diag(fit.covariance)[own]
-    sure = learned > LEAST_TOLD
-    apart = np.where(sure, np.abs(found) / np.sqrt(np.where(sure, learned, 1.0)), 0.0)
-    return contradiction(apart, found, sources)
+    return contradiction(found, np.diag(fit.covariance)[own], sources)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 from scipy.interpolate import BarycentricInterpolator
 from scipy.optimize import minimize_scalar
 
@@ -26,7 +26,7 @@ from .whittle import CellSignals, Likelihood, NoiseParameters, SpectralBands
 
 MOST_CELLS = 2048  # of the line that responses are computed on; they are smooth in the wavenumber
 CLOSE = 0.02  # of the range of a cause's number: where its search ends
-TRIALS = 14
+TRIALS = 14  # of it in each of so many
 ROUNDS = 3
 ENOUGH = 0.5  # of what correlated noise explains: a cause that explains less is not named
 AS_GOOD = 0.9  # of what the best one explains: another that is named with it
@@ -35,7 +35,6 @@ GAINS, DEPTHS, ANGLES_DEG, OFFSETS, LOW_PASSES = (
     (0.3, 3.0), (0.6, 1.6), (-40.0, 40.0), (-1.0, 1.0), (0.0, 1.5)
 )  # fmt: skip
 SATURATIONS = (0.0, 2.0)  # the largest sample's loss, over what is left of it
-
 NODES = 9  # of a fact, between which responses are interpolated
 
 Bounds = tuple[float, float]
@@ -118,10 +117,11 @@ def _likely(
     sensor, scan = problem.sensor, problem.scan
     if sensor is None or scan is None or number_of_films(sensor) < 2:
         return ()
-    cost, of = Likelihood(bands, False, False).greatest()
+    alone = Likelihood(bands, False, False)
+    cost, of = alone.greatest()
     found: list[tuple[float, LikelyCause]] = []
     for cause in _causes(signals, problem, sensor, scan):
-        less, at = _best(cause, bands, of)
+        less, at = _best(cause, bands, of, alone.unit)
         found.append((cost - less, LikelyCause(cause.name, cause.value(at))))
     found.sort(reverse=True)
     chance = -float(np.log(false_alarm.NOISE_PART / len(found)))
@@ -129,8 +129,11 @@ def _likely(
     return tuple(cause for gain, cause in found if gain > enough)
 
 
-def _best(cause: Cause, bands: SpectralBands, of: NoiseParameters) -> tuple[float, float]:
-    """Minus the logarithm of the greatest likelihood with a cause, and its number there."""
+def _best(
+    cause: Cause, bands: SpectralBands, of: NoiseParameters, unit: Float[np.ndarray, " c"]
+) -> tuple[float, float]:
+    """Minus the logarithm of the greatest likelihood with a cause, and its number there; `of`,
+    `unit`: the parameters without it, and the unit of their levels."""
 
     def likelihood(at: float) -> Likelihood:
         own = cause.signals(at)
@@ -139,7 +142,6 @@ def _best(cause: Cause, bands: SpectralBands, of: NoiseParameters) -> tuple[floa
 
     # The number with all else held, then all else with the number held: they are little coupled,
     # and most of the time is in the latter.
-    unit = Likelihood(bands, False, False).unit
     low, high = cause.bounds
     best = (np.inf, 0.0)
     options = {"xatol": CLOSE * (high - low), "maxiter": TRIALS}

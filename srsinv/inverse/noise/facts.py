@@ -15,7 +15,6 @@ element alone shows of its depth depends on the prior's form, and is not taken.
 """
 
 import dataclasses
-from collections.abc import Sequence
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,7 +24,7 @@ from scipy.special import chdtri
 from ... import false_alarm
 from ...modules import with_fields
 from ..line.problem import LineProblem
-from ..rig.error import LEAST_TOLD, NOISE, contradiction
+from ..rig.error import NOISE, contradiction
 from .whittle import CellSignals, Likelihood, SpectralBands, at_bands
 
 LEARNED = ("gain_", "angle_", "offset_", "strip_width_")
@@ -54,14 +53,14 @@ def with_learned_facts(problem: LineProblem, depth_m: float, has_walk: bool) -> 
     mean[learned], left[np.ix_(learned, learned)] = of.facts, likelihood.posterior(of)
     if as_stated - cost < chdtri(learned.sum(), false_alarm.NOISE_PART) / 2:
         return _with_errors(problem, mean, left)
-    found = _contradicted(mean, left, sources)
+    found = contradiction(mean, np.diag(left), sources)
     return with_fields(
-        _with_errors(_moved(problem, mean), np.zeros(len(mean)), left),
+        _with_errors(_by_facts(problem, mean), np.zeros(len(mean)), left),
         warnings=(*problem.warnings, *found),
     )
 
 
-def _moved(problem: LineProblem, mean: Float[np.ndarray, " j"]) -> LineProblem:
+def _by_facts(problem: LineProblem, mean: Float[np.ndarray, " j"]) -> LineProblem:
     """The problem by facts that are so far from what is stated."""
     changes, forward = problem.rig_changes, problem.forward
     assert changes is not None
@@ -70,15 +69,6 @@ def _moved(problem: LineProblem, mean: Float[np.ndarray, " j"]) -> LineProblem:
     return with_fields(
         problem, forward=dataclasses.replace(forward, transfer=jnp.asarray(transfer))
     )
-
-
-def _contradicted(
-    mean: Float[np.ndarray, " j"], left: Float[np.ndarray, "j j"], sources: Sequence[str]
-) -> tuple[str, ...]:
-    # The estimate of a number of variance one has the variance that the signals take off it.
-    told = 1 - np.diag(left)
-    size = np.where(told > LEAST_TOLD, np.abs(mean) / np.sqrt(np.maximum(told, LEAST_TOLD)), 0.0)
-    return contradiction(size, mean, sources)
 
 
 def _with_errors(

@@ -324,10 +324,15 @@ class UncertainSetup(eqx.Module):
 
 
 def contradiction(
-    apart: Float[np.ndarray, " j"], off: Float[np.ndarray, " j"], sources: Sequence[str]
+    off: Float[np.ndarray, " j"], left: Float[np.ndarray, " j"], sources: Sequence[str]
 ) -> tuple[str, ...]:
-    """A warning on the fact that the data contradict most: found `off` from what is stated, in
-    tolerances, and `apart`, in standard errors of that estimate, further than chance makes."""
+    """A warning on the fact that the data contradict most, where it is found further `off` from
+    what is stated than chance makes, in tolerances; `left`: the variances that the data leave of
+    numbers of variance one."""
+    # The estimate of a number of variance one has the variance that the data take off it.
+    told = 1 - left
+    is_told = told > LEAST_TOLD
+    apart = np.where(is_told, np.abs(off) / np.sqrt(np.where(is_told, told, 1.0)), 0.0)
     worst = int(np.argmax(apart))
     if apart[worst] <= -float(ndtri(false_alarm.CHECK / 2 / len(apart))):
         return ()
