@@ -19,6 +19,7 @@ from .gridding.cells import Window, window_around
 from .gridding.on_cells import SampledSignals, aligned, on_cells
 from .line.problem import LineProblem
 from .noise.correlated import with_found_noise
+from .noise.facts import with_learned_facts
 from .noise.model import SampleNoise, Samples
 from .nonlinear import WithNuisance
 from .rig.error import SensorError
@@ -247,9 +248,10 @@ class Problem(eqx.Module):
             modulus_Pa=self.modulus_Pa,
             warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )
+        depth_m = float(self.sensor.depth_m)
         if not is_estimate:
-            return grid
-        return with_found_noise(grid, float(self.sensor.depth_m), is_drifting)
+            return with_learned_facts(grid, depth_m, noise.has_drift)
+        return with_found_noise(grid, depth_m, is_drifting)
 
     def of_direction(self, is_onwards: bool) -> "Problem":
         """The same problem, on a line by the passes towards +x alone, or towards -x."""
