@@ -18,6 +18,7 @@ from .forward.scan import ConstantSpeed, Motion
 from .forward.scenario import Scenario
 from .forward.sensor import Sensor
 from .inverse.kernel.operator_model import OperatorModel, Theory
+from .inverse.noise.correlated import with_trend
 from .inverse.noise.hum import Hum
 from .inverse.noise.model import SampleNoise
 from .inverse.noise.quiet import quiet_noise
@@ -232,6 +233,7 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
         line = stated.to_grid()
     except BadInput:  # it is too short
         return ()
+    line = with_trend(line) if problem.noise.is_drift_found else line
     return element_findings(line, recording.channels, float(problem.sensor.depth_m))
 
 

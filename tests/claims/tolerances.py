@@ -40,7 +40,7 @@ from tests.claims.study import Study, combinations
 SENSOR = Sensor([Film(7.5e-4, each).with_strip_average() for each in ORIENTATIONS_RAD.values()])
 FRICTION = 0.4
 FAR = 4.0  # standard errors
-DRAWS = 50
+DRAWS = 25
 
 SCAN = Motion.from_speed(np.arange(240) / 1000, np.full(240, 0.05), -6e-3)
 LINE = Open(3000, 1e-5, -1.5e-2)
@@ -54,7 +54,7 @@ RIDGE_FIT = FeatureFit({"ridge": RidgeFeature(edge_length_m=EDGE_M)})
 
 # Of p, and of the part of q that is no friction: rms [Pa], and over what they are correlated.
 RMS_PA, OWN_RMS_PA, LENGTH_M = 2e3, 3e2, 1e-3
-PERIOD_M, MODES = 5e-2, 200
+PERIOD_M, MODES = 5e-2, 500
 
 Scores = Mapping[str, tuple[float, float]]
 Field = Callable[[np.ndarray], np.ndarray]
@@ -210,9 +210,9 @@ def traction(snr_dB: float, seed: int, draws: int) -> Row:
 
 
 def field(rng: np.random.Generator) -> Field:
-    """A random field of rms one, correlated over `LENGTH_M`, as a function of x [m]."""
+    """A random field of rms one, correlated as exp(-|x| / LENGTH_M), as a function of x [m]."""
     k = 2 * np.pi / PERIOD_M * np.arange(1, MODES)
-    spectrum = (1 + (k * LENGTH_M) ** 2) ** -2
+    spectrum = 1 / (1 + (k * LENGTH_M) ** 2)
     sizes = np.sqrt(spectrum / spectrum.sum()) * rng.normal(size=(2, k.size))
     return lambda x: sizes[0] @ np.cos(np.outer(k, x)) + sizes[1] @ np.sin(np.outer(k, x))
 

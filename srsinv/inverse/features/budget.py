@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..nonlinear import Fit
-from ..rig.error import NOISE, contradiction
+from ..rig.error import CALIBRATION, NOISE, contradiction
 
 CELLS = "cells"
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
@@ -39,6 +39,13 @@ class Budget:
 def rows_of(fit: Fit, name: str) -> np.ndarray:
     """Where the numbers of an array `name` are among the free parameters."""
     return np.array([i for i, each in enumerate(fit.names) if each.partition("[")[0] == name], int)
+
+
+def names_of_facts(sources: tuple[str, ...]) -> dict[str, str]:
+    """The names of facts that are fitted, in place of their numbers; of what a calibration left no
+    direction is one fact."""
+    every = enumerate(sources)
+    return {f"calibration[{i}]": source for i, source in every if source != CALIBRATION}
 
 
 def budget_of(

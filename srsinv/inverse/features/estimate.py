@@ -18,6 +18,7 @@ from ..diagnostics import Quality, of_fit, undetected
 from ..estimate import Estimate, Numbers
 from ..line.model import CHI2, FREEDOM
 from ..line.problem import ScannedCells
+from ..noise.causes import LikelyCause
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, whitener
 from .budget import Budget
@@ -38,6 +39,7 @@ class FeatureEstimate(Estimate):
     - `log_evidence`: log probability density of the data under these features.
     - `budget`: the parts of each standard error by their source; empty where there is none but the
       noise.
+    - `causes`: what explains most of a misfit, the likeliest first; none where nothing does.
     - `levels`: of the noise, where it was estimated from the residual.
     - `cells`: which cells of the problem's line the samples were; None where they were none.
     - `line`: of the traction, and `background_Pa`, the uniform pressure and shear that are added to
@@ -57,6 +59,7 @@ class FeatureEstimate(Estimate):
     line: Line
     background_Pa: tuple[float, float] = (0.0, 0.0)
     budget: Budget = eqx.field(default_factory=Budget)
+    causes: tuple[LikelyCause, ...] = ()
     levels: Levels | None = None
     cells: ScannedCells | None = None
     covariance: Float[Numbers, "m m"] | None = None

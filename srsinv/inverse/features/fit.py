@@ -25,7 +25,8 @@ from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig.error import SensorError
 from ..rig.setup import OF_CONTACT, Setup
-from .budget import budget_of, contradicted
+from .budget import budget_of, contradicted, names_of_facts
+from .causes import Explained, FittedModel, explained
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
@@ -148,6 +149,7 @@ class FeatureFitter:
             using = rough.whitener(levels, y) if rough and levels else noise
             return FeatureEstimate.of_nothing(model, y, using, levels)
         allowing, sources = self, ()
+        plain = result
         rig = None if rig is None else rig.without(self._facts_aside)
         if rig is not None:
             # Before the noise is estimated: what wrong facts leave is no noise.
@@ -163,10 +165,18 @@ class FeatureFitter:
         read = report(result)
         budget = budget_of(result, read, report, sources, cells)
         evidence = self._evidence(features, result)
+        ended = FittedModel(result, rough.whitener(levels, y) if rough and levels else using, model)
+        begun = FittedModel(plain, using, *allowing._by_stated_facts(features))
         against = rough.warnings(levels, y, result) if rough and levels else ()
         against = (*against, *self._misfit(features, y, result), *contradicted(result, sources))
+        causes = Explained()
+        if against or result.warnings:
+            white = None if levels is None else levels.white
+            causes = explained(y, begun, ended, white, self._motion, self._depth_m)
+            against = (*against, *causes.warnings)
+        result = result.renamed(names_of_facts(sources))
         made = FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
-        return dataclasses.replace(made, budget=budget)
+        return dataclasses.replace(made, budget=budget, causes=causes.causes)
 
     def many(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
@@ -195,6 +205,15 @@ class FeatureFitter:
             return FeatureEstimate.of(features, fit, model, y, read, evidence, None, against)
 
         return list(map(estimate_of, fits, ys, ratios))
+
+    def _by_stated_facts(self, features: Features) -> tuple[FeatureModel, int]:
+        """The model about the facts of the rig as stated, and the number of these."""
+        model = self._model.with_features(features)
+        if model.uncertain is not None:
+            known = model.uncertain.setup
+            facts = known.root.shape[1]
+            return model.about(known, np.zeros(facts)), facts
+        return model, 0 if model.nuisance is None else len(model.nuisance)
 
     def _misfit(
         self, features: Features, y: Float[np.ndarray, "e sample"], result: Fit

@@ -35,6 +35,7 @@ GAINS, DEPTHS, ANGLES_DEG, OFFSETS, LOW_PASSES = (
     (0.3, 3.0), (0.6, 1.6), (-40.0, 40.0), (-1.0, 1.0), (0.0, 1.5)
 )  # fmt: skip
 SATURATIONS = (0.0, 2.0)  # the largest sample's loss, over what is left of it
+LEAST_LAG = 1e-6  # depths
 NODES = 9  # of a fact, between which responses are interpolated
 
 Bounds = tuple[float, float]
@@ -42,10 +43,10 @@ Gain = Complex[np.ndarray, "e c k"]
 
 
 class LikelyCause(NamedTuple):
-    """A cause by its name, `gain_2`, `angle_2_deg`, `offset_2_m`, `depth_m`, `low_pass_2_m` or
-    `saturation`, and the value that explains the signals best: a gain as a factor on what is
-    stated, a low-pass as its time constant times the speed, a saturation as the fraction that the
-    largest sample has lost."""
+    """A cause by its name, `gain_2`, `angle_2_deg`, `offset_2_m`, `depth_m`, `low_pass_2_Hz` (of
+    all elements `low_pass_Hz`), `saturation`, `hum_Hz` or `load_m`, and the value that explains the
+    signals best: a gain as a factor on what is stated, a low-pass as its cut-off frequency, a
+    saturation as the fraction that the largest sample has lost, a further load as its place."""
 
     name: str
     value: float
@@ -58,6 +59,12 @@ class LikelyCause(NamedTuple):
             return f"a saturation, by {self.value:.0%} at the largest sample"
         if name == "depth":
             return f"a depth of {quantity(self.value, 'm')}"
+        if name == "hum":
+            return f"hum at {quantity(self.value, 'Hz')}"
+        if name == "load":
+            return f"a further load, or one of another shape, at x = {quantity(self.value, 'm')}"
+        if name == "low-pass" and rest == ["Hz"]:
+            return f"a low-pass at {quantity(self.value, 'Hz')}"
         element = f"element {rest[0]}"
         if name == "gain":
             times = significant(self.value)
@@ -66,12 +73,25 @@ class LikelyCause(NamedTuple):
             return f"an angle of {element} of {self.value:.3g} degrees"
         if name == "offset":
             return f"an offset of {element} of {quantity(self.value, 'm')}"
-        return f"a low-pass of {element} over {quantity(self.value, 'm')}"
+        return f"a low-pass of {element} at {quantity(self.value, 'Hz')}"
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it."""
+        return REMEDIES.get(self.name.partition("_")[0], "Measure it, and state what it is")
+
+
+REMEDIES = {
+    "hum": "Give its frequency as recording.mains_Hz",
+    "load": "Fit a further feature, or another",
+    "saturation": "Record it with less gain",
+}
 
 
 def in_words(causes: Sequence[LikelyCause]) -> str:
     """Causes and what to do."""
-    return f"{' or '.join(cause.words for cause in causes)}. Measure it, and state what it is"
+    listed = " or ".join(cause.words for cause in causes)
+    return ". ".join([listed, *dict.fromkeys(cause.remedy for cause in causes)])
 
 
 class Cause(NamedTuple):
@@ -201,12 +221,15 @@ def _causes(
         size = np.abs(signals.data) * level[..., 0]
         return signals._replace(data=signals.data * (1 + share * (size / np.nanmax(size)) ** 2))
 
+    def cut_off(at: float) -> float:
+        return abs(float(scan.speed_m_per_s)) / (2 * np.pi * depth * max(at, LEAST_LAG))
+
     yield Cause("saturation", SATURATIONS, lambda at: at / (1 + at), undone, changes_data=True)
     by_depth = of_fact("depth_m", depth, lambda at: (at - 1) * depth, DEPTHS)
     yield Cause("depth_m", DEPTHS, lambda at: at * depth, by_depth)
     for n, film in enumerate(sensor.elements[:films], 1):
         lags = times(n - 1, lambda at: 1 / (1 + 1j * waves * at * depth))
-        yield Cause(f"low_pass_{n}_m", LOW_PASSES, lambda at: at * depth, lags)
+        yield Cause(f"low_pass_{n}_Hz", LOW_PASSES, cut_off, lags)
         if n == 1:  # from which gains, angles and offsets count
             continue
         low, high = np.log(GAINS).tolist()

@@ -111,11 +111,16 @@ def with_found_noise(
     power[:, 0] = np.where(problem.has_free_offset, np.inf, power[:, 0])
     changed = {"noise": jnp.asarray(power, problem.noise.dtype)}
     if found.has_trend:
-        own = _trend_columns(problem, SMOOTH if is_drifting else STRAIGHT)
-        others = [] if problem.nuisance is None else [np.asarray(problem.nuisance)]
-        columns = np.concatenate([*others, own], axis=1)
-        changed["nuisance"] = jnp.asarray(columns, problem.data.dtype)
+        problem = with_trend(problem, SMOOTH if is_drifting else STRAIGHT)
     return with_fields(problem, **changed, warnings=(*problem.warnings, *found.warnings))
+
+
+def with_trend(problem: LineProblem, degree: int = SMOOTH) -> LineProblem:
+    """The problem with polynomials of so many degrees among the nuisance of each element."""
+    own = _trend_columns(problem, degree)
+    others = [] if problem.nuisance is None else [np.asarray(problem.nuisance)]
+    columns = np.concatenate([*others, own], axis=1)
+    return with_fields(problem, nuisance=jnp.asarray(columns, problem.data.dtype))
 
 
 def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) -> CellNoise | None:

@@ -142,6 +142,27 @@ class Fit:
         known = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
         return {n: 1 / w if w > 0 else np.inf for n, w in zip(self.names, known, strict=True)}
 
+    @property
+    def prior_pull(self) -> np.ndarray:
+        """How far the free parameters (m,) are from their priors' means, in standard deviations of
+        these; 0 where there is none."""
+        mean, weight = self._objective.prior_mean, self._objective.prior_weight
+        if mean is None or weight is None:
+            return np.zeros(len(self.names))
+        return (self._z - np.asarray(mean, float)) * np.asarray(weight, float)
+
+    def renamed(self, names: Mapping[str, str]) -> "Fit":
+        """The same fit with other names of some free parameters."""
+        return dataclasses.replace(
+            self,
+            names=tuple(names.get(name, name) for name in self.names),
+            at_bound=tuple(names.get(name, name) for name in self.at_bound),
+            undetermined=tuple(
+                {names.get(name, name): move for name, move in each.items()}
+                for each in self.undetermined
+            ),
+        )
+
     def whitened_signal(self) -> np.ndarray:
         """The fitted signal in units of the noise, in a row like `whitened`."""
         objective = self._objective

@@ -326,16 +326,17 @@ class UncertainSetup(eqx.Module):
 def contradiction(
     off: Float[np.ndarray, " j"], left: Float[np.ndarray, " j"], sources: Sequence[str]
 ) -> tuple[str, ...]:
-    """A warning on the fact that the data contradict most, where it is found further `off` from
-    what is stated than chance makes, in tolerances; `left`: the variances that the data leave of
+    """A warning on the fact that the data put furthest `off` what is stated, in tolerances, among
+    those that are off by more than chance makes; `left`: the variances that the data leave of
     numbers of variance one."""
     # The estimate of a number of variance one has the variance that the data take off it.
     told = 1 - left
     is_told = told > LEAST_TOLD
     apart = np.where(is_told, np.abs(off) / np.sqrt(np.where(is_told, told, 1.0)), 0.0)
-    worst = int(np.argmax(apart))
-    if apart[worst] <= -float(ndtri(false_alarm.CHECK / 2 / len(apart))):
+    is_beyond = apart > -float(ndtri(false_alarm.CHECK / 2 / len(apart)))
+    if not is_beyond.any():
         return ()
+    worst = int(np.argmax(np.where(is_beyond, np.abs(off), 0.0)))
     named = sources[worst].replace("_", " ")
     return (
         f"The signals contradict what is stated of the rig: the {named} is found "

@@ -29,7 +29,10 @@ def test_the_fact_that_is_wrong_is_named_with_its_value(fault):
 
 
 def test_every_cause_has_words():
-    names = "gain_2", "angle_2_deg", "offset_2_m", "depth_m", "low_pass_1_m", "saturation"
+    names = (
+        "gain_2", "angle_2_deg", "offset_2_m", "depth_m", "low_pass_1_Hz", "low_pass_Hz",
+        "saturation", "hum_Hz", "load_m",
+    )  # fmt: skip
     said = [LikelyCause(name, 0.5).words for name in names]
     assert len({*said}) == len(names)
 

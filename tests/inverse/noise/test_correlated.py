@@ -32,11 +32,12 @@ def on_cells(made, drift=None, cell_m=2e-4):
 
 
 def as_white(made, cell_m=5e-5, is_apart=True):
-    """The problem of a scan on cells, its noise taken for white; `is_apart`: whether p and q are
-    told apart where there are two elements."""
+    """The problem of a scan on cells, its noise taken for white and its rig as it is stated;
+    `is_apart`: whether p and q are told apart where there are two elements."""
     friction = None if made.scene.elements > 1 and is_apart else made.scene.friction
     stated = problem_of(ready(made.recording), friction=friction, cell_m=cell_m)
-    return with_fields(stated, noise=with_fields(stated.noise, is_estimate=False)).to_grid()
+    noise = with_fields(stated.noise, is_estimate=False)
+    return with_fields(stated, noise=noise, rig=None).to_grid()
 
 
 def correlated(scene, seed, times, correlation_s):
