@@ -228,5 +228,5 @@ def drawn(of: str, snr_dB: float, seed: int, draws: int) -> Row:
 STUDY = Study(
     "tolerances",
     drawn,
-    lambda: combinations(of=list(MEASURED), snr_dB=[40.0, 60.0], seed=[11, 12, 13], draws=[DRAWS]),
+    lambda: combinations(of=list(MEASURED), snr_dB=[40.0, 60.0], seed=[11, 12], draws=[DRAWS]),
 )

@@ -15,15 +15,17 @@ import jax
 import numpy as np
 from jaxtyping import Float
 
+from ... import false_alarm
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import as_real
+from ...quantities import quantity
 from ...resolution import cell_m
 from ..gridding.cells import Window
 from ..noise.residual import ResidualNoise
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
-from ..rig.error import SensorError
+from ..rig.error import SensorError, UncertainSetup
 from ..rig.setup import OF_CONTACT, Setup
 from .budget import budget_of, contradicted, names_of_facts
 from .causes import Explained, FittedModel, explained
@@ -36,6 +38,9 @@ from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
 
 RIG_ROUNDS = 4  # of a fit beside the facts of a rig, each linear about those found before
 SETTLED = 0.1  # standard deviations that the facts move in a last round
+WIDTHS, RESIZED = {"width_m", "half_width_m"}, (0.85, 1.15)  # of shapes that are tried again
+SAME_COST = 0.5  # half the squares by which two minima are one
+APART = 4.0  # standard errors: a shape that is another
 GOOD_ENOUGH = 2.0  # chi-square per degree of freedom, before the sliding noise is known
 
 
@@ -148,12 +153,12 @@ class FeatureFitter:
             levels = rough.alone(y) if rough else None
             using = rough.whitener(levels, y) if rough and levels else noise
             return FeatureEstimate.of_nothing(model, y, using, levels)
-        allowing, sources = self, ()
+        allowing, sources, against = self, (), ()
         plain = result
         rig = None if rig is None else rig.without(self._facts_aside)
         if rig is not None:
             # Before the noise is estimated: what wrong facts leave is no noise.
-            allowing, sources, result = self._allowing_for(rig, features, result, y, using)
+            allowing, sources, result, against = self._allowing_for(rig, features, result, y, using)
         if rough and levels:
             again = lambda begun, white: allowing._fit(features, begun, y, white)  # noqa: E731
             result, levels = rough.settled(again, result, levels, y)
@@ -167,7 +172,7 @@ class FeatureFitter:
         evidence = self._evidence(features, result)
         ended = FittedModel(result, rough.whitener(levels, y) if rough and levels else using, model)
         begun = FittedModel(plain, using, *allowing._by_stated_facts(features))
-        against = rough.warnings(levels, y, result) if rough and levels else ()
+        against = (*against, *(rough.warnings(levels, y, result) if rough and levels else ()))
         against = (*against, *self._misfit(features, y, result), *contradicted(result, sources))
         causes = Explained()
         if against or result.warnings:
@@ -339,10 +344,10 @@ class FeatureFitter:
 
     def _allowing_for(
         self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any
-    ) -> tuple["FeatureFitter", tuple[str, ...], Fit]:
-        """The fitter with room for what is not known of the rig, the sources of its errors, and the
-        fit. Tolerances are large: the facts are parameters as the others are. What a calibration
-        leaves is small, so that signals are linear in it."""
+    ) -> tuple["FeatureFitter", tuple[str, ...], Fit, tuple[str, ...]]:
+        """The fitter with room for what is not known of the rig, the sources of its errors, the
+        fit, and warnings on other minima. Tolerances are large: the facts are parameters as the
+        others are. What a calibration leaves is small, so that signals are linear in it."""
         own, model = copy.copy(self), self._model.with_features(features)
         own._rig, start = rig, dict(result.value)
         known = rig.uncertain(self._sensor, self._motion)
@@ -354,17 +359,66 @@ class FeatureFitter:
             )
             own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
             start["calibration"] = np.zeros(len(columns))
-            return own, rig.sources(len(columns)), own._fit(features, start, y, noise)
-        off = np.zeros(known.root.shape[1])
+            return own, rig.sources(len(columns)), own._fit(features, start, y, noise), ()
+        start["calibration"] = np.zeros(known.root.shape[1])
         own._solver = model.loading.solver(self._given_solver, has_facts=True)
+        result = own._beside_facts(known, features, start, y, noise)
+        others = [own._fit(features, each, y, noise) for each in own._resized(features, result)]
+        best = min(others, key=_cost, default=result)
+        if _cost(best) < _cost(result) - SAME_COST:
+            others.append(result)
+            result = own._beside_facts(known, features, dict(best.value), y, noise)
+        return own, rig.sources(known.root.shape[1]), result, _rivals(features, result, others)
+
+    def _resized(self, features: Features, result: Fit) -> Iterator[dict[str, Any]]:
+        """Starts with each feature narrower and wider than in a fit: its width and that of a film's
+        strip can stand for each other."""
+        for name, feature in features.items():
+            own, ranges = result.value[name], feature.ranges(self._stretch)
+            for part in ranges.keys() & WIDTHS:
+                for factor in RESIZED:
+                    width = np.clip(factor * float(own[part]), *ranges[part])
+                    yield {**result.value, name: {**own, part: width}}
+
+    def _beside_facts(
+        self,
+        known: UncertainSetup,
+        features: Features,
+        start: dict[str, Any],
+        y: np.ndarray,
+        noise: Any,
+    ) -> Fit:
+        """The fit beside the facts of a rig, in rounds, the model about those found before."""
         for _ in range(RIG_ROUNDS):
-            own._model = self._model.about(known, off)
-            result = own._fit(features, {**start, "calibration": off}, y, noise)
-            start, found = dict(result.value), np.asarray(result.value["calibration"])
-            if np.max(np.abs(found - off)) < SETTLED:
+            off = np.asarray(start["calibration"])
+            self._model = self._model.about(known, off)
+            result = self._fit(features, start, y, noise)
+            start = dict(result.value)
+            if np.max(np.abs(np.asarray(start["calibration"]) - off)) < SETTLED:
                 break
-            off = found
-        return own, rig.sources(len(off)), result
+        return result
+
+
+def _cost(fit: Fit) -> float:
+    return float(fit.stats["cost"])
+
+
+def _rivals(features: Features, result: Fit, others: Sequence[Fit]) -> tuple[str, ...]:
+    """A warning on a shape of a feature that is far from the fit's, and not much less probable."""
+    for other in sorted(others, key=_cost):
+        odds = float(np.exp(_cost(result) - _cost(other)))
+        for name, feature in features.items():
+            for part in feature.axes:
+                ours, error = float(result.value[name][part]), float(result.stderr[name][part])
+                theirs = float(other.value[name][part])
+                if odds > false_alarm.CHECK and abs(theirs - ours) > APART * error:
+                    said = quantity(theirs, "m" if part.endswith("_m") else "1")
+                    return (
+                        f"A {part.rpartition('_')[0].replace('_', ' ')} of {said} is {odds:.2g} "
+                        "times as probable: features and facts of the rig explain the signals in "
+                        "two ways. Measure the films' strips, and state their tolerance.",
+                    )
+    return ()
 
 
 def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:
