@@ -35,6 +35,7 @@ from .setup import OF_CONTACT, Setup, number_of_films
 _OF_ELEMENT = re.compile(
     r"gain_([1-9][0-9]{0,3})|angle_([1-9][0-9]{0,3})_deg|offset_([1-9][0-9]{0,3})_m"
 )
+_UNIT = re.compile(r"_(m|deg|Pa)$")
 _ROUNDING = 1e-6  # of a correlation, as numbers written by hand have it
 _DEPTH = "depth_m"
 CALIBRATED, STATED, ASSUMED = "calibrated", "stated", "assumed"
@@ -337,7 +338,7 @@ def contradiction(
     if not is_beyond.any():
         return ()
     worst = int(np.argmax(np.where(is_beyond, np.abs(off), 0.0)))
-    named = sources[worst].replace("_", " ")
+    named = _UNIT.sub("", sources[worst]).replace("_", " ")
     return (
         f"The signals contradict what is stated of the rig: the {named} is found "
         f"{abs(off[worst]):.2g} times its tolerance from it, so that this fact is wrong, or the "
