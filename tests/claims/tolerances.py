@@ -135,20 +135,23 @@ def _widened(problem: Problem, rig: RigError) -> tuple[Scores, Quality]:
 def ridge(snr_dB: float, seed: int, draws: int) -> Row:
     """Scores of a ridge's parameters."""
     rng, rig = np.random.default_rng(seed), tolerances(NOMINAL_PA)
-    noise = level(_ridge_signal(Setup(SENSOR)), snr_dB)
+    noise = level(ridge_signal(Setup(SENSOR)), snr_dB)
     found = []
     for setup in setups(rig, RIDGE_SCAN, rng, draws):
-        clean = _ridge_signal(setup)
+        clean = ridge_signal(setup)
         y = clean + noise * rng.normal(size=clean.shape)
-        known: dict[str, Any] = {"nominal_pressure_Pa": NOMINAL_PA, "window_m": tuple(WINDOW)}
-        estimate: FeatureEstimate = RIDGE_FIT(
-            Problem(SENSOR, RIDGE_SCAN, y, noise, rig=rig, **known)
-        )
+        estimate: FeatureEstimate = RIDGE_FIT(ridge_problem(y, noise, rig))
         found.append((estimate.parameters, estimate.quality))
     return scores(found, RIDGE)
 
 
-def _ridge_signal(setup: Setup) -> Float[np.ndarray, "e sample"]:
+def ridge_problem(y: Float[np.ndarray, "e sample"], noise: float, rig: RigError) -> Problem:
+    """The problem of a ridge's signals, by a rig that is so well known."""
+    known: dict[str, Any] = {"nominal_pressure_Pa": NOMINAL_PA, "window_m": tuple(WINDOW)}
+    return Problem(SENSOR, RIDGE_SCAN, y, noise, rig=rig, **known)
+
+
+def ridge_signal(setup: Setup) -> Float[np.ndarray, "e sample"]:
     """The ridge's signals, on cells of half a fit's own width."""
     pressure, motion = NOMINAL_PA * float(setup.nominal_pressure), setup.motion(RIDGE_SCAN)
     model = FeatureModel.on_window(setup.sensor, motion, WINDOW, EDGE_M / 10, pressure)

@@ -239,9 +239,12 @@ def explained(
     alone, beside = known, y[None, :0, :0].reshape(0, *y.shape)
     if isinstance(known, WithNuisance):
         alone, beside = known.alone, of_each(np.asarray(known.waves))
-    if white is None and not isinstance(alone, Independent):
+    if white is not None:
+        level = white[:, None]
+    elif isinstance(alone, Independent):
+        level = np.asarray(alone.stderr)
+    else:
         return Explained()
-    level = np.asarray(alone.stderr) if white is None else white[:, None]
     end, misfit = (Misfit.of(y, level, each, beside) for each in (ended, begun))
     least, _ = end.solved(Trial(end.rows, end.rows[:0]))
     excess = least - misfit.freedom / 2
@@ -278,7 +281,7 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[C
     def frequency(log_s: float) -> float:
         return float(np.exp(-log_s) / (2 * np.pi))
 
-    times = np.linspace(*np.log([interval_s / 2, SLOWEST * np.ptp(time_s)]), GRID)
+    times = np.log(np.geomspace(interval_s / 2, SLOWEST * np.ptp(time_s), GRID))
     for element in [None, *range(elements if elements > 1 else 0)]:
         name = "low_pass_Hz" if element is None else f"low_pass_{element + 1}_Hz"
         yield Cause(

@@ -389,14 +389,15 @@ class FeatureFitter:
         noise: Any,
     ) -> Fit:
         """The fit beside the facts of a rig, in rounds, the model about those found before."""
-        for _ in range(RIG_ROUNDS):
+        rounds = 0
+        while True:
             off = np.asarray(start["calibration"])
             self._model = self._model.about(known, off)
-            result = self._fit(features, start, y, noise)
+            result, rounds = self._fit(features, start, y, noise), rounds + 1
             start = dict(result.value)
-            if np.max(np.abs(np.asarray(start["calibration"]) - off)) < SETTLED:
-                break
-        return result
+            moved = np.max(np.abs(np.asarray(start["calibration"]) - off))
+            if moved < SETTLED or rounds == RIG_ROUNDS:
+                return result
 
 
 def _cost(fit: Fit) -> float:

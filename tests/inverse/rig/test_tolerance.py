@@ -21,6 +21,7 @@ from srsinv.inverse.rig.setup import Setup
 from srsinv.inverse.rig.tolerance import rig_error_of
 from srsinv.recording._schema import check_facts
 from srsinv.recording._sidecar import merge
+from tests.claims import tolerances as study
 from tests.refusals import refused
 
 DEPTH_M = 7.5e-4
@@ -176,3 +177,21 @@ def test_what_contradicts_the_tolerances_is_said():
     estimate = FIT(Problem(SENSOR, MOTION, y, level, rig=rig))
     assert estimate.quality == "doubtful"
     assert any("depth" in each for each in estimate.warnings)
+
+
+@pytest.mark.full
+def test_a_ridge_and_a_strip_do_not_change_places():
+    """Widths of a ridge and of the strips explain the signals in two ways, 8 standard errors apart:
+    the more probable one is the answer, and the other is named."""
+    off = np.array([0.81, 1.63, -0.13, -1.34, -0.94, 0.69, 0.23, -1.47, 1.31, 0.22, 1.6])
+    rig = study.tolerances(study.NOMINAL_PA)
+    known = rig.uncertain(study.SENSOR, study.RIDGE_SCAN)
+    assert known is not None
+    clean = study.ridge_signal(known(off))
+    noise = study.level(clean, 60.0)
+    y = clean + noise * np.random.default_rng(3).normal(size=clean.shape)
+    problem = study.ridge_problem(y, noise, rig)
+    estimate = study.RIDGE_FIT(problem)
+    for name, true in study.RIDGE.items():
+        value, stderr = estimate.parameters[name]
+        assert abs(value - true) < 4 * stderr
