@@ -255,8 +255,8 @@ _shared_slope = eqx.filter_jit(_slope)
 
 
 # Of a standard error: as far from its minimum a search may stop where the derivative jumps. The
-# error grows by 4 %.
-STOPPED_NEAR = 0.3
+# distance is added to the standard errors.
+STOPPED_NEAR = 1.0
 AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter counts as on it
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 
@@ -366,7 +366,10 @@ class Summary:
         if finite:
             distance, along = offset(jacobian, terms, len(full[0]), held, eps, least)
         near_enough = max(solver.near_enough, 2 * np.sqrt(eps * self.count / z.size))
-        if 0 < level < along and distance > near_enough:
+        if solver.derivative_rounding > 0 and near_enough < distance <= STOPPED_NEAR:
+            known = known.times(float(np.hypot(1.0, distance)))
+            near_enough = STOPPED_NEAR
+        elif 0 < level < along and distance > near_enough:
             # The residual is rounding, of which this much can still be a move.
             known = known.times(along / level)
         return _Minimum(
@@ -472,10 +475,7 @@ def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum)
     terms, held, eps = at.terms, at.held, at.eps
     if not at.is_finite:
         return Status.NOT_FINITE
-    near_enough = STOPPED_NEAR if solver.derivative_rounding > 0 else 0.0
-    if at.distance <= max(at.near_enough, near_enough) or _nothing_left(
-        terms, objective, ends, eps
-    ):
+    if at.distance <= at.near_enough or _nothing_left(terms, objective, ends, eps):
         return Status.CONVERGED
     if not bool(ends.done):
         return Status.STEP_LIMIT
