@@ -96,7 +96,7 @@ def _trials(
     cell_m: float,
 ) -> Iterator[Trial]:
     """Recording by recording: the best weights in hindsight, then every method."""
-    recorded = lru_cache(1)(_recorded)
+    held = lru_cache(1)(recorded)
     for scene in TRACTION_SCENES:
         for fault in chosen:
             strengths = faults()[fault]
@@ -107,20 +107,20 @@ def _trials(
                 at = {"scene": scene, "fault": fault, "draw": draw}
                 yield Trial(
                     {**at, "method": HINDSIGHT},
-                    lambda own=own: lambda: _hindsight(recorded(*own)),
+                    lambda own=own: lambda: hindsight_of(held(*own)),
                     dict,
                     rests_on={"fault": strengths},
                 )
                 for name, method in methods.items():
                     yield Trial(
                         {**at, "method": name},
-                        lambda own=own, method=method: lambda: _answer(recorded(*own), method),
+                        lambda own=own, method=method: lambda: answer_of(held(*own), method),
                         dict,
                         rests_on={"fault": strengths, "method": nodes[name]},
                     )
 
 
-def _recorded(scene: str, fault: str, seed: int, cell_m: float) -> Recorded:
+def recorded(scene: str, fault: str, seed: int, cell_m: float) -> Recorded:
     """A recording as a user states it; with one element the friction is known."""
     of = SCENES[scene]
     made = faulty(faults()[fault], of, seed)
@@ -132,11 +132,12 @@ def _recorded(scene: str, fault: str, seed: int, cell_m: float) -> Recorded:
     return Recorded(bare, on_cells, made.traction(on_cells.line), stated.warnings)
 
 
-def _hindsight(given: Recorded) -> Row:
+def hindsight_of(given: Recorded) -> Row:
+    """Errors of p and q by the best weights."""
     return {"error": best_in_hindsight(given.on_cells, given.truth).tolist()}
 
 
-def _answer(given: Recorded, method: Method) -> Row:
+def answer_of(given: Recorded, method: Method) -> Row:
     """Errors of p and q, what their 90 % bands cover, the quality and why it is not good."""
     estimate = method(given.problem).with_warnings(given.warnings)
     observed, value = given.on_cells.observed_cells, np.asarray(estimate.value)
