@@ -25,7 +25,10 @@ ROOT = Path(__file__).resolve().parents[2]
 TEMPLATES = Path(__file__).with_suffix("")
 PAGES = [
     ROOT / "README.md",
-    *(ROOT / "docs" / f"{name}.md" for name in ("results", "effects", "python", "recordings", "hard_cases")),
+    *(
+        ROOT / "docs" / f"{name}.md"
+        for name in ("results", "effects", "python", "recordings", "hard_cases")
+    ),
 ]
 PART = re.compile(r"(<!-- (\w+): [^>]*-->\n).*?(<!-- end of \2 -->)", re.DOTALL)
 Metrics = Mapping[str, Any]

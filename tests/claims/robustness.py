@@ -75,12 +75,12 @@ def summary(rows: list[Row]) -> Row:
             "median_ratio": float(np.median([row[f"ratio_{name}"] for row in rows])),
             "lost": len(lost),
             "lost_and_good": sorted(
-                f"{row['fault']}, {row['scene']}" for row in lost if "good" in row[f"quality_{name}"]
+                f"{row['fault']}, {row['scene']}"
+                for row in lost
+                if "good" in row[f"quality_{name}"]
             ),
         }
     return made
 
 
-STUDY = Study(
-    "robustness", measured, cases, summary, rests_on=lambda scene, fault: faults()[fault]
-)
+STUDY = Study("robustness", measured, cases, summary, rests_on=lambda scene, fault: faults()[fault])

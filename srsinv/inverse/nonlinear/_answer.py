@@ -181,6 +181,12 @@ class Fit:
         factor = self._spread.factor
         return factor @ (factor.T @ (self.jacobian[: by.size].T @ by))
 
+    def stopped_near(self) -> "Fit":
+        """The same fit as an answer that stopped short of its minimum, its errors with how far."""
+        distance = self.stats["distance_to_minimum"]
+        wider = self._spread.times(float(np.hypot(1.0, distance)))
+        return dataclasses.replace(self, status=Status.CONVERGED, _spread=wider)
+
     def with_error(self, moves: np.ndarray) -> "Fit":
         """The same fit where the free parameters may also be off by `moves` (m,)."""
         return dataclasses.replace(self, _spread=self._spread.with_error(moves))
@@ -254,9 +260,6 @@ def _slope(function, layout: Layout, row, z):
 _shared_slope = eqx.filter_jit(_slope)
 
 
-# Of a standard error: as far from its minimum a search may stop where the derivative jumps. The
-# distance is added to the standard errors.
-STOPPED_NEAR = 1.0
 AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter counts as on it
 SAME = 1e-8  # relative difference of two costs up to which they are one minimum
 
@@ -366,10 +369,7 @@ class Summary:
         if finite:
             distance, along = offset(jacobian, terms, len(full[0]), held, eps, least)
         near_enough = max(solver.near_enough, 2 * np.sqrt(eps * self.count / z.size))
-        if solver.derivative_rounding > 0 and near_enough < distance <= STOPPED_NEAR:
-            known = known.times(float(np.hypot(1.0, distance)))
-            near_enough = STOPPED_NEAR
-        elif 0 < level < along and distance > near_enough:
+        if 0 < level < along and distance > near_enough:
             # The residual is rounding, of which this much can still be a move.
             known = known.times(along / level)
         return _Minimum(

@@ -8,6 +8,7 @@ does not show that the search stopped short. A lower cost along it does.
 
 import dataclasses
 from collections.abc import Mapping
+from functools import partial
 
 import equinox as eqx
 import jax
@@ -22,6 +23,8 @@ from ..diagnostics import slope_by_differences
 from ._answer import Fit, Summary, terms_of
 from ._search import Objective, SearchEnd
 
+# Standard errors: as far from its minimum a search may stop, as the jumps are as large there.
+STOPPED_NEAR = 1.0
 FRACTIONS = (1.0, 0.5, 0.25)  # of the step to the differences' minimum, where the cost is tried
 
 
@@ -31,17 +34,21 @@ def with_differences(
     """The `Fit` at the end of a search, its errors by differences over `steps` by name.
 
     Where these alone say that the search stopped short, and the cost does not, it has converged,
-    with a note where their slope is more than noise makes.
+    with a note where their slope is more than noise makes. Where the model's own derivative says so
+    too, and the minimum is within a standard error, the errors hold how far it is.
     """
     ends = jax.device_get(ends)
     by_steps = jax.device_get(_differenced(objective, ends, steps))
     found = summary(objective, by_steps)
     if found.status is not Status.STALLED:
         return found
-    own = summary(objective, ends)
-    if not own.converged or _falls(summary, objective, by_steps, found):
+    own, distance = summary(objective, ends), "distance_to_minimum"
+    falls = partial(_falls, summary, objective, by_steps, found)
+    if own.status is Status.STALLED or (own.converged and falls(summary.solver.near_enough)):
+        is_far = max(own.stats[distance], found.stats[distance]) > STOPPED_NEAR
+        return found if is_far or falls(STOPPED_NEAR) else found.stopped_near()
+    if not own.converged:
         return found
-    distance = "distance_to_minimum"
     chance = max(_distance_by_noise(objective, ends, by_steps), np.finfo(float).tiny)
     notes = (*found.notes, *slope_by_differences(found.stats[distance] / chance))
     stats = found.stats | {distance: own.stats[distance]}
@@ -63,9 +70,11 @@ def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, floa
     return ends._replace(jacobian=jnp.asarray(jacobian))
 
 
-def _falls(summary: Summary, objective: Objective, ends: SearchEnd, found: Fit) -> bool:
-    """Whether the cost is lower along the step to the differences' minimum, by more than from as
-    far from a minimum as a search may end: `near_enough` standard errors per root parameter."""
+def _falls(
+    summary: Summary, objective: Objective, ends: SearchEnd, found: Fit, within: float
+) -> bool:
+    """Whether the cost is lower along the step to the differences' minimum, by more than it is from
+    so far `within` a minimum: standard errors per root parameter."""
     terms, jacobian = terms_of(objective, ends)
     moving = np.array([name not in found.at_bound for name in found.names])
     columns = np.linalg.norm(jacobian, axis=0)
@@ -81,7 +90,7 @@ def _falls(summary: Summary, objective: Objective, ends: SearchEnd, found: Fit) 
 
     cost, freedom = 0.5 * float(terms @ terms), found.stats["degrees_of_freedom"]
     variance = max(2 * cost / max(freedom, 1), 1.0 if summary.level_known else 0.0)
-    negligible = 0.5 * summary.solver.near_enough**2 * moving.sum() * variance
+    negligible = 0.5 * within**2 * moving.sum() * variance
     return bool(min(map(cost_at, FRACTIONS)) < cost - negligible)
 
 
