@@ -1,5 +1,5 @@
-"""Faulty recordings through the inversions: what the rule and the noise cost, beside the best weights
-in hindsight, and what bands hold (half an hour).
+"""Faulty recordings through the inversions: what rule and noise cost, beside the best weights in
+hindsight, and what bands hold (half an hour).
 
 The faults, scenes and scores are those of `experiment=robustness`.
 """
