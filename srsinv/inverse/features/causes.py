@@ -39,7 +39,6 @@ LEAST_WAVES = 5  # of hum in a scan: fewer are a drift
 FINER = 4  # frequencies of hum that are tried, over those of the scan's length
 WIDTHS, APART = (0.5, 1.0, 2.0, 4.0), 0.5  # of further loads, and between them, in depths
 MOST_PLACES = 64  # of a further load
-UNKNOWN = 1e-3  # of a prior's standard deviation: a step where there is no standard error
 ALIKE = 1e-10  # of a column's square, added to it: columns may be alike
 
 Signal = Float[np.ndarray, "e sample"]
@@ -65,11 +64,9 @@ class FittedModel(NamedTuple):
     @property
     def steps(self) -> Float[np.ndarray, " m"]:
         """Steps for differences: standard errors, of facts beforehand."""
-        fit = self.fit
-        own = np.sqrt(np.maximum(np.nan_to_num(np.diag(fit.covariance), posinf=0.0), 0.0))
-        own = np.where(own > 0, own, UNKNOWN * np.array([*fit.prior_stderr.values()]))
-        coarse = [self.model.steps.get(name, 0.0) for name in fit.names]
-        return np.append(np.maximum(own, coarse), np.ones(self.facts))
+        coarse = [self.model.steps.get(name, 0.0) for name in self.fit.names]
+        own = np.maximum(np.sqrt(np.diag(self.fit.covariance)), coarse)
+        return np.append(own, np.ones(self.facts))
 
 
 class Trial(NamedTuple):
@@ -230,7 +227,8 @@ def explained(
     depth_m: float,
 ) -> Explained:
     """What explains most of the misfit that a fit to `y` `ended` with; nothing where no cause
-    explains half of it, and beside noise that is stated and not white.
+    explains half of it, where the data do not determine all parameters, and beside noise that is
+    stated and not white.
 
     `begun`: the fit by the facts as stated; `white`: levels of the white noise, where they were
     estimated.
@@ -244,6 +242,9 @@ def explained(
     elif isinstance(alone, Independent):
         level = np.asarray(alone.stderr)
     else:
+        return Explained()
+    variances = np.concatenate([np.diag(each.fit.covariance) for each in (begun, ended)])
+    if not (np.isfinite(variances) & (variances > 0)).all():
         return Explained()
     end, misfit = (Misfit.of(y, level, each, beside) for each in (ended, begun))
     least, _ = end.solved(Trial(end.rows, end.rows[:0]))
