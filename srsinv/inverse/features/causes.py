@@ -69,7 +69,7 @@ class FittedModel(NamedTuple):
         return np.append(own, np.ones(self.facts))
 
 
-class Trial(NamedTuple):
+class ChangedSignals(NamedTuple):
     """What a cause makes of the signal and its slopes (row, e, sample), the signal first, and
     columns `more` of its own."""
 
@@ -131,7 +131,7 @@ class Misfit:
         """Degrees of freedom."""
         return int(np.isfinite(self.y).sum()) - self.steps.size
 
-    def solved(self, trial: Trial) -> tuple[float, Float[np.ndarray, " m"]]:
+    def solved(self, trial: ChangedSignals) -> tuple[float, Float[np.ndarray, " m"]]:
         """Half the squares that a trial leaves at best, and how far the numbers move for it, as far
         as there are slopes."""
         per_noise = np.where(np.isfinite(self.y), 1 / self.white, 0.0)
@@ -152,7 +152,7 @@ class Misfit:
         return float(left) / 2, (moves / unit)[:free]
 
 
-class Cause(NamedTuple):
+class MisfitCause(NamedTuple):
     """A cause by the numbers that it may have, between the least and the greatest of which it is
     searched on where `is_smooth`; what value a number is, and the trial of a misfit with it."""
 
@@ -160,7 +160,7 @@ class Cause(NamedTuple):
     numbers: Float[np.ndarray, " number"]
     is_smooth: bool
     value: Callable[[float], float]
-    trial: Callable[[Misfit, float], Trial]
+    trial: Callable[[Misfit, float], ChangedSignals]
 
     def best(self, misfit: Misfit) -> tuple[float, float]:
         """Half the squares that are left at least, and the number that leaves them."""
@@ -182,7 +182,7 @@ class Cause(NamedTuple):
 
     def followed(self, misfit: Misfit) -> tuple[float, float]:
         """What is left, and the number, as parameters and facts move with the cause."""
-        here, sloped = misfit.moved(0 * misfit.at), misfit
+        here, sloped = dataclasses.replace(misfit, rows=misfit.rows[:1]), misfit
         least = self.best(here)
         for _ in range(ROUNDS):
             _, at = self.best(sloped)
@@ -247,7 +247,7 @@ def explained(
     if not (np.isfinite(variances) & (variances > 0)).all():
         return Explained()
     end, misfit = (Misfit.of(y, level, each, beside) for each in (ended, begun))
-    least, _ = end.solved(Trial(end.rows, end.rows[:0]))
+    least, _ = end.solved(ChangedSignals(end.rows, end.rows[:0]))
     excess = least - misfit.freedom / 2
     enough = max(ENOUGH * excess, -float(np.log(false_alarm.NOISE_PART)))
     if excess < enough:
@@ -267,17 +267,17 @@ def explained(
     return Explained(min(best / excess, 1.0), named)
 
 
-def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[Cause]:
+def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[MisfitCause]:
     """All causes that a motion tells."""
     time_s, elements = np.asarray(motion.time_s), len(misfit.y)
     interval_s = float(np.mean(np.diff(time_s)))
     none = misfit.rows[:0]
 
-    def slowed(rows: Rows, element: int | None, tau_s: float) -> Trial:
+    def slowed(rows: Rows, element: int | None, tau_s: float) -> ChangedSignals:
         flat = as_real(rows.reshape(-1, time_s.size))
         slow = np.asarray(FirstOrder(tau_s).in_time(flat, as_real(interval_s))).reshape(rows.shape)
         is_own = np.arange(elements)[:, None] == element
-        return Trial(slow if element is None else np.where(is_own, slow, rows), none)
+        return ChangedSignals(slow if element is None else np.where(is_own, slow, rows), none)
 
     def frequency(log_s: float) -> float:
         return float(np.exp(-log_s) / (2 * np.pi))
@@ -285,32 +285,34 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[C
     times = np.log(np.geomspace(interval_s / 2, SLOWEST * np.ptp(time_s), GRID))
     for element in [None, *range(elements if elements > 1 else 0)]:
         name = "low_pass_Hz" if element is None else f"low_pass_{element + 1}_Hz"
-        yield Cause(
+        yield MisfitCause(
             name, times, True, frequency,
             lambda of, at, own=element: slowed(of.rows, own, float(np.exp(at))),
         )  # fmt: skip
 
-    def saturated(of: Misfit, share: float) -> Trial:
+    def saturated(of: Misfit, share: float) -> ChangedSignals:
         # s / (1 + a (s / s_max)^2): the same amplifier in all channels.
         signal, slopes = of.rows[0], of.rows[1:]
         size = share * (signal / np.max(np.abs(signal))) ** 2
         changed = slopes * (1 - size) / (1 + size) ** 2
-        return Trial(np.concatenate([(signal / (1 + size))[None], changed]), none)
+        return ChangedSignals(np.concatenate([(signal / (1 + size))[None], changed]), none)
 
-    yield Cause("saturation", np.linspace(0, 1, GRID), True, lambda at: at / (1 + at), saturated)
+    yield MisfitCause(
+        "saturation", np.linspace(0, 1, GRID), True, lambda at: at / (1 + at), saturated
+    )
 
-    def waves(of: Misfit, frequency_Hz: float) -> Trial:
+    def waves(of: Misfit, frequency_Hz: float) -> ChangedSignals:
         turn = 2 * np.pi * frequency_Hz * time_s
         both = np.stack([np.cos(turn), np.sin(turn)])
-        return Trial(of.rows, of_each(np.broadcast_to(both, (elements, *both.shape))))
+        return ChangedSignals(of.rows, of_each(np.broadcast_to(both, (elements, *both.shape))))
 
     tried = _frequencies(misfit, interval_s)
-    yield Cause("hum_Hz", tried, False, float, waves)
+    yield MisfitCause("hum_Hz", tried, False, float, waves)
     if loads is not None:
         places = np.arange(len(loads.at_m), dtype=float)
-        yield Cause(
+        yield MisfitCause(
             "load_m", places, False, lambda at: float(loads.at_m[int(at)]),
-            lambda of, at: Trial(of.rows, loads.signals[int(at)]),
+            lambda of, at: ChangedSignals(of.rows, loads.signals[int(at)]),
         )  # fmt: skip
 
 

@@ -170,13 +170,16 @@ class FeatureFitter:
         read = report(result)
         budget = budget_of(result, read, report, sources, cells)
         evidence = self._evidence(features, result)
-        ended = FittedModel(result, rough.whitener(levels, y) if rough and levels else using, model)
-        begun = FittedModel(plain, using, *allowing._by_stated_facts(features))
         against = (*against, *(rough.warnings(levels, y, result) if rough and levels else ()))
         against = (*against, *self._misfit(features, y, result), *contradicted(result, sources))
         causes = Explained()
         if against or result.warnings:
-            white = None if levels is None else levels.white
+            begun = FittedModel(plain, using, *allowing._by_stated_facts(features))
+            last = rough.whitener(levels, y) if rough and levels else using
+            ended, white = (
+                FittedModel(result, last, model),
+                None if levels is None else levels.white,
+            )
             causes = explained(y, begun, ended, white, self._motion, self._depth_m)
             against = (*against, *causes.warnings)
         result = result.renamed(names_of_facts(sources))
