@@ -263,9 +263,12 @@ def recording(cfg: Config, default: str | None = None) -> Recording:
     return recording
 
 
-def recorded_problem(cfg: Config, recording: Recording) -> Problem:
+def recorded_problem(
+    cfg: Config, recording: Recording, is_wired_as_stated: bool = False
+) -> Problem:
     """The problem of finding what made a recording at even times, by the sensor that the sidecar
-    and the configuration describe; the configuration overrides. Raises `BadInput` where facts are
+    and the configuration describe; the configuration overrides. `is_wired_as_stated`: whatever
+    wiring of the elements the signals speak for. Raises `BadInput` where facts are
     missing, and where numbers of elements and signal columns differ."""
     from .recorded import problem_of, sensor_of
 
@@ -280,6 +283,7 @@ def recorded_problem(cfg: Config, recording: Recording) -> Problem:
         friction=friction(cfg) if "friction" in cfg else None,
         cell_m=cell_m,
         operator=operator(cfg),
+        is_wired_as_stated=is_wired_as_stated,
     )
 
 

@@ -26,7 +26,7 @@ from .inverse.nonlinear import LEVEL_STDERR
 from .inverse.problem import Problem
 from .inverse.rig.error import RigError, SensorError
 from .inverse.rig.tolerance import rig_error_of
-from .inverse.rig.wiring import element_findings
+from .inverse.rig.wiring import WiringFinding, wiring_finding
 from .modules import with_fields
 from .recording import Recording
 from .recording._speed import position_step
@@ -65,6 +65,7 @@ def problem_of(
     friction: Any = None,
     cell_m: Any = None,
     operator: OperatorModel | None = None,
+    is_wired_as_stated: bool = False,
 ) -> Problem:
     """The problem of a recording at even times.
 
@@ -82,6 +83,8 @@ def problem_of(
     - the facts `rig_error` and `tolerance` say how well the rig is known (see `rig_error_of`).
     - `operator`: how the sensor's response is known; None: by its theory. A measured kernel stands
       in place of the films' and of what a calibration found, errors included.
+    - elements are taken as wired as the signals say where these leave no doubt, with a warning; the
+      fact `wiring` or `is_wired_as_stated` takes them as stated.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
 
@@ -112,7 +115,6 @@ def problem_of(
         window_m=None if not window else (float(window[0]), float(window[1])),
         cell_m=cell_m,
         mains=named or hum.unnamed,
-        rig=_rig_error(recording, sensor, operator),
         position_step_m=_step_of(recording, float(sensor.depth_m)),
         # Signals in another unit than volts give a pressure in no unit.
         modulus_Pa=sensor.skin.surface_modulus_Pa if recording.signal_unit in VOLTS else None,
@@ -120,15 +122,17 @@ def problem_of(
     )
     direction = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
     problem = problem if direction is None else problem.of_direction(direction)
+    keeps_wiring = is_wired_as_stated or recording.sidecar.get("wiring") == "as_stated"
+    problem, of_wiring = _wired(recording, problem, keeps_wiring)
     # By the passes back alone q is what acts in them.
     acts = (
         -float(problem.friction)
         if problem.friction is not None and direction is False
         else friction
     )
-    return problem.with_warnings(
-        (*_warnings(recording, problem, hum, unusable), *operator.warnings(acts))
-    )
+    warnings = (*_warnings(recording, problem, hum), *unusable, *of_wiring)
+    rig = _rig_error(recording, problem.sensor, operator)
+    return with_fields(problem, rig=rig, warnings=(*warnings, *operator.warnings(acts)))
 
 
 def _rig_error(recording: Recording, sensor: Sensor, operator: OperatorModel) -> SensorError | None:
@@ -146,10 +150,8 @@ def _rig_error(recording: Recording, sensor: Sensor, operator: OperatorModel) ->
     )
 
 
-def _warnings(
-    recording: Recording, problem: Problem, hum: Hum, unusable: Sequence[str]
-) -> tuple[str, ...]:
-    """Warnings on the recording itself, as sentences; `unusable`: on its samples."""
+def _warnings(recording: Recording, problem: Problem, hum: Hum) -> tuple[str, ...]:
+    """Warnings on the recording itself, as sentences."""
     depth_m, amplifier = float(problem.sensor.depth_m), problem.sensor.amplifier
     of_calibration = (recording.sidecar.get("rig_error") or {}).get("warnings")
     # Up to here the skin transmits waves, of which the preparation of the signals may take some.
@@ -161,8 +163,6 @@ def _warnings(
         *((f"The rig's calibration was doubtful: {of_calibration}",) if of_calibration else ()),
         *preparation_warnings(recording, highest_Hz, has_offset),
         *hum.warnings,
-        *unusable,
-        *_wiring(recording, problem),
     )
 
 
@@ -218,11 +218,30 @@ def _check_unit(recording: Recording, sensor: Sensor) -> None:
     )
 
 
-def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
-    """Faults of the elements' wiring, where the recording can be put on a line, by the passes of
-    one way."""
+def _wired(
+    recording: Recording, problem: Problem, keeps_wiring: bool
+) -> tuple[Problem, tuple[str, ...]]:
+    """The problem with its elements wired as the signals say beyond doubt, and sentences on faults
+    of their wiring; `keeps_wiring`: it stays as stated."""
+    found = _wiring(recording, problem)
+    if found is None:
+        return problem, ()
+    if keeps_wiring or not found.is_certain or found.wiring is None:
+        return problem, (found.words,)
+    wired = with_fields(problem, sensor=found.wiring.sensor(problem.sensor))
+    if _wiring(recording, wired) is not None:  # neither wiring fits
+        return problem, (found.words,)
+    return wired, (
+        f"{found.words} The answer takes it so: recording.wiring=as_stated takes the elements as "
+        "stated.",
+    )
+
+
+def _wiring(recording: Recording, problem: Problem) -> WiringFinding | None:
+    """What is found of the elements' wiring, where the recording can be put on a line, by the
+    passes of one way."""
     if len(recording.channels) < 2:
-        return ()
+        return None
     passes = passes_of(np.asarray(problem.motion.position_m))
     if problem.direction is None and go_both_ways(passes):
         problem = problem.of_direction(passes[0].is_onwards)
@@ -232,9 +251,9 @@ def _wiring(recording: Recording, problem: Problem) -> tuple[str, ...]:
     try:
         line = stated.to_grid()
     except BadInput:  # it is too short
-        return ()
+        return None
     line = with_trend(line) if problem.noise.is_drift_found else line
-    return element_findings(line, recording.channels, float(problem.sensor.depth_m))
+    return wiring_finding(line, recording.channels, float(problem.sensor.depth_m))
 
 
 def ready(recording: Recording) -> Recording:

@@ -38,7 +38,7 @@ def run(cfg: config.Config) -> Result:
         measured = config.recording(cfg)
         recording = wiring.in_volts(measured)
         feature = known.with_edge(recording.sidecar)
-        problem = config.recorded_problem(cfg, recording)
+        problem = config.recorded_problem(cfg, recording, is_wired_as_stated=True)
         with stage(f"fitting the rig to {recording.name}"):
             calibration = calibrate(problem, feature, settings["hold"], settings["free"])
         total = wiring.total(calibration)

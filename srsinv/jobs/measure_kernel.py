@@ -53,7 +53,7 @@ def run(cfg: config.Config) -> Result:
         recording = config.recording(cfg)
         check_volts(recording)
         feature = known.with_edge(recording.sidecar)
-        problem = config.recorded_problem(cfg, recording)
+        problem = config.recorded_problem(cfg, recording, is_wired_as_stated=True)
         with stage(f"measuring the kernel from {recording.name}"):
             found = measure_over_feature(
                 problem, feature, settings["hold"], settings["free"], names

@@ -16,6 +16,7 @@ from ._units import PER_M, PER_M_PER_S, PER_S
 LONGEST_TEXT = 10_000  # characters of a description
 WAYS = ("both", "onwards", "back")
 UNUSABLE = ("missing", "keep")
+WIRINGS = ("as_found", "as_stated")
 ORIENTATIONS = ("1_to_x_3_to_z", "1_to_z_3_to_x")
 
 
@@ -80,6 +81,7 @@ Number = Annotated[float | None, _wanted("a finite number (such as 7.5e-4)", is_
 Positive = Annotated[float | None, _wanted("a number above 0", _is_positive)]
 Ways = Annotated[str | None, _one_of(*WAYS)]
 Unusable = Annotated[str | None, _one_of(*UNUSABLE)]
+Wiring = Annotated[str | None, _one_of(*WIRINGS)]
 Strips = Annotated[
     float | None,
     _wanted("a whole number from 1", lambda v: is_number(v) and v >= 1 and v == int(v)),

@@ -37,6 +37,7 @@ from ._fact_types import (
     TimeUnit,
     Unusable,
     Ways,
+    Wiring,
     is_text,
 )
 from ._table import LONGEST_NAME
@@ -151,6 +152,7 @@ class RecordingFacts(Facts):
     quiet_s: Quiet = None
     ways: Ways = None
     unusable: Unusable = None
+    wiring: Wiring = None
     detrend: Detrending = None
     high_pass_Hz: Positive = None
     notch_Hz: Frequencies = None

@@ -75,7 +75,7 @@ def leaves(node: Any, prefix: str = ""):
 
 WRONG = ("loud", [0.5, 0.5, 0.5], math.nan, math.inf, 1e300, True, {"value": 1.0})
 NO_NUMBERS = {"elements", "piezo_constants_C_per_N", "path", "sidecar", "channels", "time_unit",
-              "signal_unit", "mains_Hz", "detrend", "notch_Hz", "unusable"}  # fmt: skip
+              "signal_unit", "mains_Hz", "detrend", "notch_Hz", "unusable", "wiring"}  # fmt: skip
 EITHER_SIGN = re.compile(
     r"pressure_Pa|background_pressure_Pa|.*friction|change|.*position_m|.*start_m|offset_m|d[123]"
     r"|snr_dB|angle_deg|speed_m_per_s|polarity|backlash_m"
@@ -230,6 +230,7 @@ OTHERS = (
     ("invert_recording", "recording.drift", (-1.0, "loud", math.nan, [-1e-6])),
     ("invert_recording", "recording.detrend", ("quadratic", 1, True, ["linear"])),
     ("invert_recording", "recording.unusable", ("refuse", 1, True, ["keep"])),
+    ("invert_recording", "recording.wiring", ("found", 1, True, ["as_stated"])),
     ("invert_recording", "recording.notch_Hz",
      ("auto", 0.0, -50.0, [], [50.0, "a"], math.nan, 500.0, [50.0, 1.0])),
     ("invert_recording", "recording.high_pass_Hz", (500.0, 1.0)),

@@ -6,20 +6,31 @@ lengths and frictions, all as probable) the data have an evidence Z under each. 
 where Z_fault / Z_stated exceeds 1/a: under the wiring as stated that happens with a probability of
 at most a (Markov's inequality, as the ratio's mean is one). A gain, an angle, an offset or a
 saturation can look like such a fault: where one of these explains the signals better it is reported
-instead.
+instead. A drift or a step can, too, at waves longer than those that elements tell a wiring by: the
+ratio of Whittle's likelihoods, of tapered signals beside correlated noise, has to say the same.
+Where both leave no doubt, an inversion or a fit is better by the wiring that was found than by the
+one stated.
 """
 
+import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
+import equinox as eqx
+import jax
 import numpy as np
 from jaxtyping import Bool, Complex, Float
 from scipy.special import logsumexp
 
 from ... import false_alarm
+from ...forward.film import Film
+from ...forward.sensor import Sensor
 from ..line.problem import LineProblem
 from ..noise.causes import causes_of_wiring, in_words
 from ..noise.nuisance import WithoutNuisance
+from ..noise.whittle import CellSignals, Likelihood, SpectralBands
+from .setup import number_of_films
 
 LEVELS = 10.0 ** np.arange(-2.0, 2.1, 0.5)  # of p, in units of that which makes the data's power
 LENGTHS = (1.0, 4.0)  # depths, over which p is correlated
@@ -30,15 +41,56 @@ DEEP = 12.0  # k z beyond which the skin transmits nothing
 # covariance singular, and the evidence that of rounding.
 LEAST_NOISE = 1e-12
 DEAD = 4.0  # of the noise's power: twice its level, as that may be stated too low
-MOST_DIGITS = 12  # of a ratio of probabilities that is said
+MOST_DIGITS = 12  # of a ratio of probabilities that is said; beyond, there is no doubt
 OF_WAVES = 0.01  # of the largest power of mains' waves: wavenumbers with more are left out
 Gain = Complex[np.ndarray, "e c k"]
 
 
-def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float) -> tuple[str, ...]:
-    """The most probable fault of the wiring, as a sentence, or none; `names` of the elements."""
+class ElementWiring(NamedTuple):
+    """How the elements are wired: `films` (e,), the number of the film that each channel reads, the
+    `signs` (e,) it has, 0 of a dead one, and what is said of it."""
+
+    films: tuple[int, ...]
+    signs: tuple[float, ...]
+    words: str
+
+    def gain(self, stated: Gain) -> Gain:
+        """The channels' responses, from those as stated."""
+        return np.array(self.signs)[:, None, None] * stated[list(self.films)]
+
+    def sensor(self, stated: Sensor) -> Sensor:
+        """The sensor so wired."""
+
+        def read(film: Film, sign: float) -> Film:
+            return eqx.tree_at(
+                lambda f: f.piezo, film, jax.tree.map(lambda d: sign * d, film.piezo)
+            )
+
+        count = number_of_films(stated)
+        ways = [stated.elements[i : i + count] for i in range(0, len(stated.elements), count)]
+        films = [
+            read(own[n], sign)
+            for own in ways
+            for n, sign in zip(self.films, self.signs, strict=True)
+        ]
+        return dataclasses.replace(stated, elements=tuple(films))
+
+
+class WiringFinding(NamedTuple):
+    """What is found of the elements' wiring, as a sentence; `wiring`: the most probable one; None
+    where another cause than the wiring is more probable; `is_certain`: beyond doubt."""
+
+    words: str
+    wiring: ElementWiring | None = None
+    is_certain: bool = False
+
+
+def wiring_finding(
+    problem: LineProblem, names: Sequence[str], depth_m: float
+) -> WiringFinding | None:
+    """The most probable fault of the wiring, if there is one; `names` of the elements."""
     if len(names) < 2:
-        return ()
+        return None
     k = np.asarray(problem.line.k)[1:]
     used = np.flatnonzero((k * depth_m < DEEP) & ~_of_waves(problem)[1:]) + 1
     given, problem = problem, WithoutNuisance.of(problem).problem
@@ -50,25 +102,42 @@ def element_findings(problem: LineProblem, names: Sequence[str], depth_m: float)
     priors = list(_priors(gain, white, k[used - 1] * depth_m))
     stated = _log_evidence(gain, white, priors)
     power = np.mean(np.abs(white) ** 2, axis=1)
-    faults = list(_faults(gain, names, power))
-    ratios = [_log_evidence(each, white, priors) - stated for each, _ in faults]
+    faults = list(_faults(names, power))
+    ratios = [_log_evidence(each.gain(gain), white, priors) - stated for each in faults]
     best = int(np.argmax(ratios))
     if not ratios[best] > np.log(len(faults) / false_alarm.WIRING):
-        return ()
-
-    def fault(gain: Gain) -> Gain:
-        return list(_faults(gain, names, power))[best][0]
-
-    instead = causes_of_wiring(given, depth_m, fault)
+        return None
+    fault, tens = faults[best], ratios[best] / np.log(10)
+    instead = causes_of_wiring(given, depth_m, fault.gain)
     if instead:
-        return (f"The signals fit another rig than the one stated: {in_words(instead)}.",)
-    tens = ratios[best] / np.log(10)
-    times = f"more than 10^{MOST_DIGITS}" if tens > MOST_DIGITS else f"10^{tens:.0f}"
-    return (
-        f"{faults[best][1]} The signals are {times} times as probable "
+        return WiringFinding(
+            f"The signals fit another rig than the one stated: {in_words(instead)}."
+        )
+    chance = np.log(len(faults) / false_alarm.WIRING) / np.log(10)
+    beside_noise = _tens_beside_noise(given, depth_m, fault)
+    if beside_noise < chance:
+        return None
+    is_certain = bool(min(tens, beside_noise) > MOST_DIGITS)
+    times = f"more than 10^{MOST_DIGITS}" if is_certain else f"10^{tens:.0f}"
+    return WiringFinding(
+        f"{fault.words} The signals are {times} times as probable "
         "with that as with the elements as stated; if the wiring is right, then a gain, an angle "
         "or a depth is not, or hum is on the signals.",
+        fault,
+        is_certain,
     )
+
+
+def _tens_beside_noise(problem: LineProblem, depth_m: float, fault: ElementWiring) -> float:
+    """The logarithm to the base of ten of the ratio of the greatest likelihoods, with correlated
+    noise on the signals; infinite where these are too short for it."""
+    signals = CellSignals.of(problem, depth_m)
+    if not signals.stretches:
+        return np.inf
+    bands, level = SpectralBands.of(signals), np.sqrt(signals.white)[:, None, None]
+    wired = bands.with_gain(signals._replace(gain=fault.gain(signals.gain * level) / level))
+    costs = [Likelihood(own, True, False).greatest()[0] for own in (bands, wired)]
+    return float((costs[0] - costs[1]) / np.log(10))
 
 
 def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
@@ -80,38 +149,40 @@ def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
     return power > OF_WAVES * np.max(power)
 
 
-def _faults(
-    gain: Gain, names: Sequence[str], power: Float[np.ndarray, " e"]
-) -> Iterator[tuple[Gain, str]]:
-    """The model of each fault, and what is said of it. All elements turned are none turned; one
-    whose signal's `power` (that of noise is 1) is above `DEAD` is not dead, whatever fits."""
-    turned, elements = -gain, len(names)
-    for e in range(elements):
-        at = np.arange(elements)[:, None, None] == e
+def _faults(names: Sequence[str], power: Float[np.ndarray, " e"]) -> Iterator[ElementWiring]:
+    """Each fault, and what is said of it. All elements turned are none turned; one whose signal's
+    `power` (that of noise is 1) is above `DEAD` is not dead, whatever fits."""
+    elements = len(names)
+    every, plain = tuple(range(elements)), (1.0,) * elements
+
+    def with_sign(e: int, sign: float) -> tuple[float, ...]:
+        return tuple(sign if own == e else 1.0 for own in every)
+
+    for e in every:
         if elements > 2 or e > 0:
-            yield (
-                np.where(at, turned, gain),
+            yield ElementWiring(
+                every,
+                with_sign(e, -1.0),
                 f"{names[e]} seems to be of the other sign beside the others: turn its polarity, "
-                "or theirs.",
+                "or theirs, which turns p and q.",
             )
         if power[e] < DEAD:
-            yield (
-                np.where(at, 0.0, gain),
+            yield ElementWiring(
+                every,
+                with_sign(e, 0.0),
                 f"{names[e]} seems to be dead, with noise alone: leave it out of "
                 "recording.channels, and its element out of the sensor, or record it again.",
             )
-    for a, b in itertools.combinations(range(elements), 2):
-        order = np.arange(elements)
-        order[[a, b]] = b, a
-        yield (
-            gain[order],
+    for a, b in itertools.combinations(every, 2):
+        yield ElementWiring(
+            tuple({a: b, b: a}.get(own, own) for own in every),
+            plain,
             f"{names[a]} and {names[b]} seem to be exchanged: exchange them in recording.channels.",
         )
-    for a, b in itertools.permutations(range(elements), 2):
-        order = np.arange(elements)
-        order[a] = b
-        yield (
-            gain[order],
+    for a, b in itertools.permutations(every, 2):
+        yield ElementWiring(
+            tuple(b if own == a else own for own in every),
+            plain,
             f"{names[a]} and {names[b]} seem to have the signal of {names[b]}'s element alone: "
             "leave one out of recording.channels, and an element out of the sensor, or mend the "
             "wiring.",
