@@ -6,15 +6,16 @@ noise are estimated together (see whittle.py), and a part is taken up where the 
 for it. The prior falls as a power of k and the skin's response as e^(-k z), so that a tail of 1/k^2
 below it is no traction; and a rate signal falls as k towards long waves, where a walk grows.
 
-A signal's mean and slope have a variance that is known then: a constant or a trend far beyond it is
-no traction either.
+The means, slopes and bends of all elements' signals have a covariance that is known then: a
+constant or a trend far beyond it is no traction either. Of two elements the traction makes few
+combinations, and a constant on both is told from it at a hundredth of the signal.
 """
 
 from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Bool, Complex, Float
 from scipy.special import chdtri
 
 from ... import false_alarm
@@ -36,8 +37,9 @@ class CellNoise(NamedTuple):
 
     - `white` (e,), and `correlated` (e,) over `length_m` along the scan; `walk` (e,): a random
       walk's step from cell to cell; zero of parts that are not there.
-    - `trend` (e,): the largest value of a constant and a slope that no traction makes; zero where
-      there is none. `has_trend`: whether these are to be estimated with the traction.
+    - `degree` of a polynomial on each signal that is to be estimated with the traction; -1 where
+      there is none. `trend` (e,): the largest value of one that no traction makes, as a fraction of
+      the largest sample; zero where there is none.
     - `clear_m`: the shortest and the longest wave at which the signal is above the noise.
     - `causes`: what may look like the correlated part, the likeliest first.
     """
@@ -46,9 +48,9 @@ class CellNoise(NamedTuple):
     correlated: Float[np.ndarray, " e"]
     length_m: float
     walk: Float[np.ndarray, " e"]
-    trend: Float[np.ndarray, " e"]
-    has_trend: bool
     clear_m: tuple[float, float]
+    trend: Float[np.ndarray, " e"] = np.zeros(1)
+    degree: int = -1
     causes: tuple[LikelyCause, ...] = ()
 
     def power(self, line: Line) -> Float[np.ndarray, "e k"]:
@@ -77,8 +79,9 @@ class CellNoise(NamedTuple):
                 "apart."
             )
         if self.trend.any():
+            shape = "A constant or a slope" if self.degree <= STRAIGHT else "A smooth trend"
             words.append(
-                f"A constant or a slope of up to {float(self.trend.max()):.2g} of the largest "
+                f"{shape} of up to {float(self.trend.max()):.2g} of the largest "
                 "sample is on the signal, which no traction makes. It is estimated jointly with "
                 "the traction, of which long waves are uncertain. If it is a drift, give "
                 "recording.drift=auto."
@@ -110,8 +113,8 @@ def with_found_noise(
     power = found.power(problem.line)
     power[:, 0] = np.where(problem.has_free_offset, np.inf, power[:, 0])
     changed = {"noise": jnp.asarray(power, problem.noise.dtype)}
-    if found.has_trend:
-        problem = with_trend(problem, SMOOTH if is_drifting else STRAIGHT)
+    if found.degree >= 0:
+        problem = with_trend(problem, found.degree)
     return with_fields(problem, **changed, warnings=(*problem.warnings, *found.warnings))
 
 
@@ -132,14 +135,15 @@ def cell_noise(problem: LineProblem, depth_m: float, is_drifting: bool = False) 
     bands = SpectralBands.of(signals)
     likelihood, of, gained = _likeliest(bands, is_drifting)
     kz = signals.kz[1:]
-    power = likelihood.signal(of, kz, np.moveaxis(signals.gain[..., 1:], -1, 0))
+    spectra = likelihood.signal(of, kz, np.moveaxis(signals.gain[..., 1:], -1, 0))
     noise = sum(likelihood.noise(of, kz), np.zeros(1))
-    trend = _trend(signals, power + noise, problem.has_free_offset)
-    has_trend = is_drifting or bool(trend.any())
-    if not (of.tail.size or has_trend):
+    eye = np.eye(len(signals.white))
+    degree, trend = _trend(signals, spectra + noise[..., None] * eye, problem.has_free_offset)
+    degree = SMOOTH if is_drifting else degree
+    if not (of.tail.size or degree >= 0):
         return None
-    is_clear = np.any(power > noise, axis=1)
-    found = _found(signals, of, depth_m, is_clear, trend, has_trend)
+    is_clear = np.any(np.einsum("kee->ke", spectra).real > noise, axis=1)
+    found = _found(signals, of, depth_m, is_clear)._replace(degree=degree, trend=trend)
     if is_drifting or not of.tail.size:
         return found
     return found._replace(causes=causes_of_noise(problem, signals, bands, gained))
@@ -171,10 +175,9 @@ def _found(
     of: NoiseParameters,
     depth_m: float,
     is_clear: Bool[np.ndarray, " k"],
-    trend: Float[np.ndarray, " e"],
-    has_trend: bool,
 ) -> CellNoise:
-    """The noise of these parameters; `is_clear`: whether the signal is above it at `kz[1:]`."""
+    """The noise of these parameters, without a trend; `is_clear`: whether the signal is above it at
+    `kz[1:]`."""
     none, cell = np.zeros(len(signals.white)), signals.cell
     length = float(np.exp(of.memory[0])) if of.memory.size else 1.0
     # s^2 and d^2 from the powers of exponential_spectrum and of_walk, for waves of many cells.
@@ -188,32 +191,53 @@ def _found(
         np.sqrt(signals.white * tail) if of.tail.size else none,
         length * depth_m,
         np.sqrt(signals.white * step) if of.walk.size else none,
-        trend,
-        has_trend,
         (shortest, longest),
     )
 
 
 def _trend(
-    signals: CellSignals, power: Float[np.ndarray, "k e"], has_free_offset: bool
-) -> Float[np.ndarray, " e"]:
-    """Of each element a constant and a slope that traction and noise, of this `power` at `kz[1:]`,
-    do not make, as a fraction of the largest sample; zero where these may make them."""
-    rows, n = signals.filled(signals.longest), signals.data.shape[1]
-    m = rows.shape[1]
-    trends = np.stack([np.ones(m), np.linspace(-1, 1, m)])[int(has_free_offset) :]
+    signals: CellSignals, spectra: Complex[np.ndarray, "k e e"], has_free_offset: bool
+) -> tuple[int, Float[np.ndarray, " e"]]:
+    """The degree of a polynomial that is on the signals, where traction and noise of these
+    `spectra` at `kz[1:]` do not make their mean or slope, and its largest value on each as a
+    fraction of the largest sample; -1 and zero where they may. What has a slope may bend."""
+    rows = signals.filled(signals.longest)
     # Tapered, so that a feature at the ends of the scan, which is cut off there, is little in them.
-    shapes = np.hanning(m + 2)[1:-1] * trends
-    whole = np.zeros((len(shapes), n))
-    whole[:, signals.longest] = shapes
-    weights = half_spectrum_weights(n)[1:] * np.abs(np.fft.rfft(whole)[:, 1:]) ** 2
-    sizes = rows @ shapes.T
-    variance = np.maximum((weights @ power).T, np.finfo(float).tiny)
-    chance = false_alarm.NOISE_PART / sizes.size
-    if not np.any(sizes**2 > chdtri(1, chance) * variance):
-        return np.zeros(len(rows))
-    fitted = sizes @ np.linalg.inv(shapes @ trends.T).T @ trends
-    return np.max(np.abs(fitted), axis=1) / np.max(np.abs(rows), axis=1)
+    taper = np.hanning(rows.shape[1] + 2)[1:-1]
+    along = np.linspace(-1, 1, taper.size)
+    tested = {0: taper, STRAIGHT: taper * along}
+    if has_free_offset:
+        del tested[0]
+    chance = false_alarm.NOISE_PART / len(tested)
+    found = [
+        degree
+        for degree, shape in tested.items()
+        if _is_beyond_chance(signals, rows, spectra, shape, chance)
+    ]
+    if not found:
+        return -1, np.zeros(len(rows))
+    degree = SMOOTH if STRAIGHT in found else STRAIGHT
+    shapes = np.polynomial.legendre.legvander(along, degree).T[int(has_free_offset) :]
+    fitted = rows @ np.linalg.pinv(shapes) @ shapes
+    return degree, np.max(np.abs(fitted), axis=1) / np.max(np.abs(rows), axis=1)
+
+
+def _is_beyond_chance(
+    signals: CellSignals,
+    rows: Float[np.ndarray, "e cell"],
+    spectra: Complex[np.ndarray, "k e e"],
+    shape: Float[np.ndarray, " cell"],
+    chance: float,
+) -> bool:
+    """Whether the sizes of a shape in all signals are more than these `spectra` make of them but
+    by so small a chance."""
+    n = signals.data.shape[1]
+    whole = np.zeros(n)
+    whole[signals.longest] = shape
+    power = half_spectrum_weights(n)[1:] * np.abs(np.fft.rfft(whole)[1:]) ** 2
+    covariance, sizes = np.einsum("k,kef->ef", power, spectra).real, rows @ shape
+    square = sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes
+    return bool(square > chdtri(sizes.size, chance))
 
 
 def _trend_columns(problem: LineProblem, degree: int) -> Float[np.ndarray, "e column n"]:

@@ -310,10 +310,10 @@ class Likelihood:
 
     def signal(
         self, of: NoiseParameters, kz: Float[np.ndarray, " k"], gain: Complex[np.ndarray, "k e c"]
-    ) -> Float[np.ndarray, "k e"]:
-        """The power of the traction's signals under the prior."""
+    ) -> Complex[np.ndarray, "k e e"]:
+        """The spectra of the traction's signals under the prior, of pairs of elements."""
         root, (shape, _) = self._root(of), prior_shape(of, kz)
-        return np.einsum("kec,cd,ked,k->ke", gain, root, gain.conj(), shape).real
+        return np.einsum("kec,cd,kfd,k->kef", gain, root, gain.conj(), shape)
 
     def noise(self, of: NoiseParameters, kz: Float[np.ndarray, " k"]) -> list[np.ndarray]:
         """The power (#k, #e) of each part of the noise."""

@@ -95,7 +95,9 @@ def test_what_is_found_has_the_signals_unit():
     assert other.length_m == pytest.approx(one.length_m, rel=1e-3)
 
 
-FAULTS = ["correlated_20ms", "saturated", "pink_noise", "gain_of_one_20", "hum_50"]
+FAULTS = [
+    "correlated_20ms", "saturated", "pink_noise", "gain_of_one_20", "hum_50", "offset", "slow_sine",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("fault", FAULTS)
