@@ -21,6 +21,7 @@ from ...forward.sensor import Sensor
 from ...grid import as_real
 from ...quantities import quantity
 from ...resolution import cell_m
+from ...status import Status
 from ..gridding.cells import Window
 from ..noise.residual import ResidualNoise
 from ..noise.sliding import Levels
@@ -366,7 +367,9 @@ class FeatureFitter:
         start["calibration"] = np.zeros(known.root.shape[1])
         own._solver = model.loading.solver(self._given_solver, has_facts=True)
         result = own._beside_facts(known, features, start, y, noise)
-        others = [own._fit(features, each, y, noise) for each in own._resized(features, result)]
+        # What is no minimum has none beside it.
+        resized = own._resized(features, result) if result.status == Status.CONVERGED else ()
+        others = [own._fit(features, each, y, noise) for each in resized]
         best = min(others, key=_cost, default=result)
         if _cost(best) < _cost(result) - SAME_COST:
             others.append(result)
@@ -399,7 +402,8 @@ class FeatureFitter:
             result, rounds = self._fit(features, start, y, noise), rounds + 1
             start = dict(result.value)
             moved = np.max(np.abs(np.asarray(start["calibration"]) - off))
-            if moved < SETTLED or rounds == RIG_ROUNDS:
+            is_settled = moved < SETTLED or result.status != Status.CONVERGED
+            if is_settled or rounds == RIG_ROUNDS:
                 return result
 
 
@@ -410,7 +414,7 @@ def _cost(fit: Fit) -> float:
 def _rivals(features: Features, result: Fit, others: Sequence[Fit]) -> tuple[str, ...]:
     """A warning on a shape of a feature that is far from the fit's, and not much less probable."""
     for other in sorted(others, key=_cost):
-        odds = float(np.exp(_cost(result) - _cost(other)))
+        odds = float(np.exp(min(_cost(result) - _cost(other), 0.0)))
         for name, feature in features.items():
             for part in feature.axes:
                 ours, error = float(result.value[name][part]), float(result.stderr[name][part])

@@ -20,6 +20,7 @@ from ._uncertainty import CONVERGED
 
 # Where the derivative jumps: the standard errors within which a minimum can be located.
 ROUGH = 100.0
+ROUGH_STEPS = 200  # there: a search that ends takes 10 to 180, others creep along the jumps
 PART = 0.5  # of that: where a search ends, as steps beyond it follow the jumps
 OUT_OF_BOX = 1e-6  # of a start: by which only rounding puts a minimum out of its bounds
 EXACT = 1e-6  # of the jumps of a derivative: its error between two of them
@@ -42,7 +43,8 @@ class Solver(eqx.Module):
     """min |residual(z)|^2 over lower <= z <= upper, from z0; pure, for jit and vmap.
 
     `tolerance` [1] is relative, of the step and of the gradient; None takes 1e-10 in float64 and
-    1e-5 in float32. `max_steps` bounds the iterations.
+    1e-5 in float32. `max_steps` bounds the iterations; where the residual's derivative jumps there
+    are at most 200.
     """
 
     name: ClassVar[str]
@@ -147,7 +149,12 @@ class Optimistix(Solver):
     def tolerating(self, rounding: float) -> "Solver":
         # Its square, the relative error of the cost there, limits how well a minimum is located.
         tolerance = rounding**2 if self.tolerance is None else self.tolerance
-        return dataclasses.replace(self, tolerance=tolerance, rounding=self.rounding or rounding)
+        return dataclasses.replace(
+            self,
+            tolerance=tolerance,
+            rounding=self.rounding or rounding,
+            max_steps=min(self.max_steps, ROUGH_STEPS),
+        )
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
         rtol = relative(self.tolerance, z0.dtype)
