@@ -26,19 +26,9 @@ Strengths = Mapping[str, Any]
 
 
 @cache
-def _written() -> dict[str, dict[str, Strengths]]:
-    return yaml.safe_load(FAULTS.read_text(encoding="utf-8"))
-
-
-def first_faults() -> Mapping[str, Strengths]:
-    """The faults whose strengths were written before any was measured, by their names."""
-    return _written()["first"]
-
-
-@cache
 def faults() -> Mapping[str, Strengths]:
     """All faults by their names: what each does, and its strengths."""
-    return {name: each for part in _written().values() for name, each in part.items()}
+    return yaml.safe_load(FAULTS.read_text(encoding="utf-8"))
 
 
 def suits(fault: Strengths, scene: ScannedScene) -> bool:

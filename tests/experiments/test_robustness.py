@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.robustness.answers import HINDSIGHT, answers
-from experiments.robustness.faults import faults, faulty, first_faults, suits
+from experiments.robustness.faults import faults, faulty, suits
 from experiments.robustness.scans import DEPTH_M, RIDGE_SCENE, SCENES, TrueRig, scan
 from srsinv.grid import Open
 from tests.jobs.run import outcome
@@ -70,7 +70,6 @@ def test_shares_count_every_recording_once():
 def test_every_fault_changes_what_is_recorded():
     """In the scene with most faults, and those of a surface in theirs."""
     assert len(faults()) >= 45
-    assert set(first_faults()) < set(faults())
     clean = faulty(faults()["none"], STRIP, 0)
     for name, fault in faults().items():
         if name == "none" or not suits(fault, STRIP):
