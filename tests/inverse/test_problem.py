@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.robustness.scans import ornstein_uhlenbeck
 from srsinv.errors import BadInput
 from srsinv.forward.feature import StripFeature
 from srsinv.forward.film import Film
@@ -15,7 +16,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open
-from srsinv.inverse.estimate import overlap
+from srsinv.inverse.estimate import deviation, overlap
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
@@ -96,6 +97,26 @@ def test_its_operator_gives_the_signal_and_has_an_adjoint():
     assert problem.nuisance_columns.shape == (2, 0, SAMPLES)
     r, y = (jnp.asarray(rng.normal(size=shape)) for shape in ((2, line.n), problem.data.shape))
     assert float(jnp.vdot(operator(r), y)) == pytest.approx(float(jnp.vdot(r, operator.adjoint(y))))
+
+
+@pytest.mark.full
+def test_errors_over_random_tractions_are_as_large_as_their_bands():
+    """Of p less its mean over the scan, as no background is known. Fields correlated as
+    exp(-|x|/l)."""
+    rng, line = np.random.default_rng(5), Open(3000, 1e-5, -1.5e-2)
+    motion, z = Motion.from_speed(TIME, np.full(SAMPLES, SPEED), -6e-3), []
+    for _ in range(6):
+        p, own = ornstein_uhlenbeck(rng, (2, line.n), float(line.cell_m) / 1e-3)
+        truth = 2e3 * p, 800 * p + 300 * own
+        signal = signals_along(SENSOR, line, motion, np.stack(truth))
+        noise = np.abs(signal).max() / 100
+        signal = signal + noise * rng.normal(size=signal.shape)
+        problem = Problem(SENSOR, motion, signal, noise, cell_m=1e-4).to_grid()
+        estimate, cells = Tikhonov()(problem), problem.observed_cells
+        true = np.interp(np.asarray(problem.line.x), np.asarray(line.x), truth[0])
+        wrong = deviation(np.asarray(estimate.value[0]) - true, cells)
+        z.append(wrong / np.asarray(estimate.stderr)[0, cells])
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1.0, abs=0.25)
 
 
 @pytest.mark.full

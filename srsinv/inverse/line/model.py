@@ -163,15 +163,17 @@ class LineModel(eqx.Module):
 
     @property
     def mean_weights(self) -> Float[Numbers, "c n"]:
-        """The weights of each unknown's mean over the sampled cells where that mean is weakly
-        observed, on an open line: its error would mask all others. Else zero."""
+        """The weights of each unknown's mean over the sampled cells where its error is no error of
+        the answer, on an open line: where that mean is weakly observed, and would mask all others,
+        and where the background is not known that the traction is a deviation from. Else zero."""
         if self.forward.is_circular:
             return np.broadcast_to(0.0, (self.unknowns, self.line.n))
         return self._mean_weights()
 
     @eqx.filter_jit
     def _mean_weights(self) -> Float[Array, "c n"]:
-        hidden = ~self.zero_mean & ~self.mean_is_observable
+        is_deviation = jnp.array([each is None for each in self.background_Pa[: self.unknowns]])
+        hidden = jnp.where(self.zero_mean, is_deviation, ~self.mean_is_observable)
         ones = jnp.ones(self.data.shape, bool) if self.observed is None else self.observed
         cells = jnp.any(ones, axis=0)
         return hidden[:, None] * (cells / jnp.sum(cells))[None, :]
