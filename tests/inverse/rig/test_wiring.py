@@ -5,11 +5,15 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from experiments.robustness.faults import faults, faulty
+from experiments.robustness.scans import SCENES
 from srsinv.forward.film import Film
 from srsinv.forward.sensor import Sensor
 from srsinv.inverse.rig.wiring import wiring_finding
 from srsinv.modules import with_fields
+from srsinv.recorded import problem_of, ready
 from tests.inverse.cases import DEPTH_M, make_case, make_operator
+from tests.tiers import quick
 
 NAMES = ("first", "second")
 SAME = (Film(DEPTH_M), Film(DEPTH_M))
@@ -81,6 +85,14 @@ def test_hum_that_is_stated_is_no_fault_of_the_wiring():
     assert wiring_finding(stated, NAMES, DEPTH_M) is None
     exchanged = with_fields(stated, data=jnp.asarray((data + hum)[::-1]))
     assert "exchanged" in wiring_finding(exchanged, NAMES, DEPTH_M).words
+
+
+@pytest.mark.parametrize("fault", quick(["slow_sine", "step"], "slow_sine"))
+def test_a_drift_that_nobody_stated_is_no_fault_of_the_wiring(fault):
+    """Of what it has at long waves the elements would be 10^12 times as probable otherwise."""
+    made = faulty(faults()[fault], SCENES["strip, two elements"], 0)
+    stated = problem_of(ready(made.recording), cell_m=2e-4, is_wired_as_stated=True)
+    assert not any("of the other sign" in each for each in stated.warnings)
 
 
 @pytest.mark.parametrize("factor", [30.0, 300.0])
