@@ -21,6 +21,7 @@ from .line.problem import LineProblem
 from .noise.correlated import with_found_noise
 from .noise.facts import with_learned_facts
 from .noise.model import SampleNoise, Samples
+from .noise.trend import FLEXIBLE, trend_columns
 from .nonlinear import WithNuisance
 from .rig.error import SensorError
 
@@ -168,13 +169,18 @@ class Problem(eqx.Module):
         return self.sensor.operator_along(line, self.motion, directions=self.motion.directions)
 
     def samples(self) -> Samples:
-        """The signals along the motion, those of its own way alone where it has one."""
+        """The signals along the motion, those of its own way alone where it has one; where a drift
+        was looked for, with its trend beside the noise."""
         y = np.where(self.observed, np.asarray(self.data), np.nan)
         if self.direction is not None:
             y = np.where(is_within(self._own_passes, y.shape[1]), y, np.nan)
         noise = self.noise.of_fit(self.name, self.motion, y, self.rounding)
         is_estimate = self.noise.is_estimate and not self.noise.causes
         columns = self.nuisance_columns
+        if self.noise.is_drift_found:
+            along = np.linspace(-1.0, 1.0, y.shape[1])
+            trend = trend_columns(y, along, FLEXIBLE, self.has_free_offset)
+            columns = np.concatenate([columns, trend], axis=1)
         if not columns.shape[1]:
             return Samples(self.sensor, self.motion, y, noise, is_estimate)
         beside = WithNuisance.of(noise, columns)

@@ -1,8 +1,9 @@
 """Which cause that is no fact of the rig would explain what a fit of features leaves.
 
-A low-pass, a saturation, hum and a further load are each a model of one number, beside parameters
-of features and facts of the rig. Let v be by how much these are off a fit by the facts as stated,
-and s(v) the signal there, of slopes J. A cause that makes F(s) of a signal leaves, of white noise,
+A low-pass, a saturation, a constant, a drift, hum and a further load are each a model of one
+number, beside parameters of features and facts of the rig. Let v be by how much these are off a fit
+by the facts as stated, and s(v) the signal there, of slopes J. A cause that makes F(s) of a signal
+leaves, of white noise,
 
     min_d |y - F(s) - F'(s) J d|^2,
 
@@ -26,6 +27,7 @@ from ...forward.filter import FirstOrder
 from ...forward.scan import Motion
 from ...grid import as_real
 from ..noise.causes import AS_GOOD, ENOUGH, LikelyCause, in_words
+from ..noise.trend import SMOOTH
 from ..nonlinear import Fit, Independent, WithNuisance, whitener
 from .model import FeatureModel
 
@@ -37,6 +39,7 @@ PARTS = np.array([[1.0], [0.5], [0.2], [0.05]])  # of a move, until less is left
 SLOWEST = 0.1  # of the scan's time: a low-pass beyond it would leave no signal
 LEAST_WAVES = 5  # of hum in a scan: fewer are a drift
 FINER = 4  # frequencies of hum that are tried, over those of the scan's length
+TRENDS = {"constant": 0, "drift": SMOOTH}  # degrees of polynomials on each signal
 WIDTHS, APART = (0.5, 1.0, 2.0, 4.0), 0.5  # of further loads, and between them, in depths
 MOST_PLACES = 64  # of a further load
 ALIKE = 1e-10  # of a column's square, added to it: columns may be alike
@@ -305,6 +308,13 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[M
         turn = 2 * np.pi * frequency_Hz * time_s
         both = np.stack([np.cos(turn), np.sin(turn)])
         return ChangedSignals(of.rows, of_each(np.broadcast_to(both, (elements, *both.shape))))
+
+    def smooth(of: Misfit, degree: float) -> ChangedSignals:
+        shapes = np.polynomial.legendre.legvander(np.linspace(-1, 1, time_s.size), int(degree)).T
+        return ChangedSignals(of.rows, of_each(np.broadcast_to(shapes, (elements, *shapes.shape))))
+
+    for name, degree in TRENDS.items():
+        yield MisfitCause(name, np.array([degree], float), False, float, smooth)
 
     tried = _frequencies(misfit, interval_s)
     yield MisfitCause("hum_Hz", tried, False, float, waves)

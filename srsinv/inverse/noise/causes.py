@@ -44,9 +44,10 @@ Gain = Complex[np.ndarray, "e c k"]
 
 class LikelyCause(NamedTuple):
     """A cause by its name, `gain_2`, `angle_2_deg`, `offset_2_m`, `depth_m`, `low_pass_2_Hz` (of
-    all elements `low_pass_Hz`), `saturation`, `hum_Hz` or `load_m`, and the value that explains the
-    signals best: a gain as a factor on what is stated, a low-pass as its cut-off frequency, a
-    saturation as the fraction that the largest sample has lost, a further load as its place."""
+    all elements `low_pass_Hz`), `saturation`, `constant`, `drift`, `hum_Hz` or `load_m`, and the
+    value that explains the signals best: a gain as a factor on what is stated, a low-pass as its
+    cut-off frequency, a saturation as the fraction that the largest sample has lost, a constant and
+    a drift as the degree of a polynomial, a further load as its place."""
 
     name: str
     value: float
@@ -57,6 +58,8 @@ class LikelyCause(NamedTuple):
         name, *rest = self.name.replace("low_pass", "low-pass").split("_")
         if name == "saturation":
             return f"a saturation, by {self.value:.0%} at the largest sample"
+        if name in SIGNALS:
+            return SIGNALS[name]
         if name == "depth":
             return f"a depth of {quantity(self.value, 'm')}"
         if name == "hum":
@@ -81,7 +84,9 @@ class LikelyCause(NamedTuple):
         return REMEDIES.get(self.name.partition("_")[0], "Measure it, and state what it is")
 
 
+SIGNALS = {"constant": "a constant on the signals", "drift": "a drift of the signals"}
 REMEDIES = {
+    **dict.fromkeys(SIGNALS, "Give recording.drift=auto"),
     "hum": "Give its frequency as recording.mains_Hz",
     "load": "Fit a further feature, or another",
     "saturation": "Record it with less gain",

@@ -26,10 +26,8 @@ from ..line.problem import LineProblem
 from .causes import LikelyCause, causes_of_noise, in_words
 from .facts import with_learned_facts
 from .model import of_walk
+from .trend import SMOOTH, STRAIGHT, trend_columns
 from .whittle import TAIL, WALK, CellSignals, Likelihood, NoiseParameters, SpectralBands
-
-WIDE_TREND = 10.0  # times the largest sample: a trend's size before anything is known of it
-STRAIGHT, SMOOTH = 1, 3  # degrees of a trend that was found, and of one that is known to be there
 
 
 class CellNoise(NamedTuple):
@@ -120,7 +118,10 @@ def with_found_noise(
 
 def with_trend(problem: LineProblem, degree: int = SMOOTH) -> LineProblem:
     """The problem with polynomials of so many degrees among the nuisance of each element."""
-    own = _trend_columns(problem, degree)
+    cells = np.flatnonzero(problem.observed_cells)
+    along = np.interp(np.arange(problem.line.n), cells[[0, -1]], [-1.0, 1.0])
+    y = np.where(problem.is_observed, np.asarray(problem.data, float), np.nan)
+    own = trend_columns(y, along, degree, problem.has_free_offset)
     others = [] if problem.nuisance is None else [np.asarray(problem.nuisance)]
     columns = np.concatenate([*others, own], axis=1)
     return with_fields(problem, nuisance=jnp.asarray(columns, problem.data.dtype))
@@ -238,23 +239,3 @@ def _is_beyond_chance(
     covariance, sizes = np.einsum("k,kef->ef", power, spectra).real, rows @ shape
     square = sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes
     return bool(square > chdtri(sizes.size, chance))
-
-
-def _trend_columns(problem: LineProblem, degree: int) -> Float[np.ndarray, "e column n"]:
-    """Legendre polynomials on each element's samples; the constant is left out where it is free.
-
-    A constant and a slope may be of any size. What is bent further may be as large as it is in the
-    signal, and no larger.
-    """
-    cells = np.flatnonzero(problem.observed_cells)
-    along = np.interp(np.arange(problem.line.n), cells[[0, -1]], [-1.0, 1.0])
-    shapes = np.polynomial.legendre.legvander(along, degree).T
-    size = np.full((len(problem.data), degree + 1), np.nan)
-    for row, data, is_there in zip(
-        size, np.asarray(problem.data), problem.is_observed, strict=True
-    ):
-        inside = np.where(is_there, shapes, 0.0)
-        row[:] = np.abs(np.linalg.lstsq(inside.T, np.where(is_there, data, 0.0))[0])
-        row[: STRAIGHT + 1] = WIDE_TREND * np.max(np.abs(data))
-    columns = size[..., None] * shapes * problem.is_observed[:, None]
-    return columns[:, int(problem.has_free_offset) :]

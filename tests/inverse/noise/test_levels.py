@@ -149,7 +149,7 @@ def test_a_recording_by_the_iterative_path_is_the_dense_solution(missing, slidin
     direct, ours = (Tikhonov(1, *WEIGHTS, path=path)(problem) for path in ("direct", "iterative"))
     assert ours.status == "converged"
     assert relative(ours.value, direct.value) < 1e-6
-    np.testing.assert_allclose(ours.stderr, direct.stderr, rtol=0.02)
+    np.testing.assert_allclose(ours.stderr, direct.stderr, rtol=0.03)  # as the README has it
 
 
 @pytest.mark.full

@@ -1,0 +1,28 @@
+"""A drift of unknown size beside a feature: `recording.drift=auto` in fits."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from experiments.robustness.faults import faults, faulty
+from experiments.robustness.scans import SCENES
+from srsinv.inverse.features.method import FeatureFit
+from srsinv.recorded import problem_of, ready
+from tests.tiers import quick
+
+TWO, ONE, _ = SCENES
+CASES = [(TWO, "offset"), (TWO, "warm_up"), (ONE, "ramp"), (ONE, "slow_sine")]
+
+
+@pytest.mark.parametrize(("scene", "fault"), quick(CASES, (TWO, "warm_up")))
+def test_a_drift_that_is_looked_for_is_no_feature(scene, fault):
+    """Unnamed it makes a fit fail, its pressure or its friction off by 20 to 400 %."""
+    own = SCENES[scene]
+    recording = ready(faulty(faults()[fault], own, 0).recording)
+    recording = dataclasses.replace(recording, sidecar={**recording.sidecar, "drift": "auto"})
+    read = FeatureFit({"one": own.feature})(problem_of(recording)).parameters
+    off = {name: read[name][0] - true for name, true in own.parameters.items()}
+    assert all(abs(off[name]) < 4 * read[name][1] for name in off)
+    true = np.array(list(own.parameters.values()))
+    assert np.abs(np.array(list(off.values())) / true).max() < 0.05
