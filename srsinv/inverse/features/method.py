@@ -8,8 +8,10 @@ import equinox as eqx
 import jax
 import numpy as np
 
+from ... import false_alarm
 from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
+from ...modules import with_fields
 from ..diagnostics import beyond_modulus, negative_load
 from ..line.problem import LineProblem
 from ..method import Method
@@ -17,11 +19,17 @@ from ..noise.model import Samples
 from ..noise.residual import residual_noise
 from ..nonlinear import Solver
 from ..problem import Problem
+from .causes import TRENDS
 from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
 from .window import stretch_of
+
+DRIFT_FOUND = (
+    "A constant or a drift is on the signals, which no feature of this kind makes. It is estimated "
+    "jointly with the features. If it is a drift, give recording.drift=auto."
+)
 
 
 class LatestCache:
@@ -117,7 +125,21 @@ class FeatureFit(Method):
         return dataclasses.replace(estimate, log_evidence=evidence, warnings=warnings)
 
     def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
-        problem = problem.aligned() if isinstance(problem, Problem) else problem
+        """The fit, beside the trend of a drift that nobody stated where that explains a misfit."""
+        if isinstance(problem, LineProblem):
+            return self._fit(features, problem)
+        problem = problem.aligned()
+        estimate = self._fit(features, problem)
+        if problem.noise.is_drift_found or not _is_drift(estimate):
+            return estimate
+        drifting = with_fields(problem.noise, is_drift_found=True)
+        beside = self._fit(features, with_fields(problem, noise=drifting))
+        odds = beside.log_evidence - estimate.log_evidence
+        if not odds > -np.log(false_alarm.NOISE_PART):
+            return estimate
+        return beside.with_warnings((DRIFT_FOUND,))
+
+    def _fit(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         samples = problem.samples()
         fitter, noise = self._fitter(problem, samples), samples.noise
         if self.is_of_surface and isinstance(problem, Problem) and samples.is_estimate:
@@ -165,6 +187,11 @@ class FeatureFit(Method):
                 sensor, motion, self.features, window, pressure, self.also, self.solver
             ),
         )
+
+
+def _is_drift(estimate: FeatureEstimate) -> bool:
+    """Whether a constant or a drift explains most of what a fit leaves."""
+    return bool(estimate.causes) and estimate.causes[0].name in TRENDS
 
 
 def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> FeatureEstimate:
