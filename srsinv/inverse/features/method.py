@@ -137,7 +137,7 @@ class FeatureFit(Method):
         odds = beside.log_evidence - estimate.log_evidence
         if not odds > -np.log(false_alarm.NOISE_PART):
             return estimate
-        return beside.with_warnings((DRIFT_FOUND,))
+        return dataclasses.replace(beside, warnings=(*beside.warnings, DRIFT_FOUND))
 
     def _fit(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         samples = problem.samples()
