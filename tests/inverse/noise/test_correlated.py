@@ -14,6 +14,7 @@ from srsinv.inverse.noise.whittle import CellSignals, Likelihood, SpectralBands
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.modules import with_fields
 from srsinv.recorded import problem_of, ready
+from tests.tiers import quick
 
 DEPTH_M = 0.75e-3
 TWO, ONE, _ = SCENES
@@ -100,7 +101,7 @@ FAULTS = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", quick(FAULTS, "correlated_20ms", "offset"))
 def test_weights_by_the_evidence_are_near_the_best_in_hindsight(fault):
     """Where noise is taken for white, those of these faults are off by up to 5000 times."""
     made = faulty(faults()[fault], SCENES[TWO], 0)
