@@ -133,11 +133,11 @@ class FeatureFit(Method):
         if problem.noise.is_drift_found or not _is_drift(estimate):
             return estimate
         drifting = with_fields(problem.noise, is_drift_found=True)
-        beside = self._fit(features, with_fields(problem, noise=drifting))
-        odds = beside.log_evidence - estimate.log_evidence
+        with_trend = self._fit(features, with_fields(problem, noise=drifting))
+        odds = with_trend.log_evidence - estimate.log_evidence
         if not odds > -np.log(false_alarm.NOISE_PART):
             return estimate
-        return dataclasses.replace(beside, warnings=(*beside.warnings, DRIFT_FOUND))
+        return dataclasses.replace(with_trend, warnings=(*with_trend.warnings, DRIFT_FOUND))
 
     def _fit(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         samples = problem.samples()

@@ -127,11 +127,20 @@ def causes_of_wiring(
     signals = CellSignals.of(problem, depth_m)
     if not signals.stretches:
         return ()
-    bands, level = SpectralBands.of(signals), np.sqrt(signals.white)[:, None, None]
-    cost, of = Likelihood(bands, False, False).greatest()
-    wired = bands.with_gain(signals._replace(gain=fault(signals.gain * level) / level))
-    gained = cost - Likelihood(wired, False, False).greatest(of)[0]
+    bands = SpectralBands.of(signals)
+    gained = gained_by_wiring(signals, bands, fault, has_tail=False)
     return _likely(problem, signals, bands, gained - float(np.log(false_alarm.NOISE_PART)))
+
+
+def gained_by_wiring(
+    signals: CellSignals, bands: SpectralBands, fault: Callable[[Gain], Gain], has_tail: bool
+) -> float:
+    """By how much a fault of the wiring makes the likelihood's logarithm greater, with a correlated
+    part of the noise (`has_tail`) or without."""
+    level = np.sqrt(signals.white)[:, None, None]
+    wired = bands.with_gain(signals._replace(gain=fault(signals.gain * level) / level))
+    cost, of = Likelihood(bands, has_tail, False).greatest()
+    return cost - Likelihood(wired, has_tail, False).greatest(of)[0]
 
 
 def _likely(

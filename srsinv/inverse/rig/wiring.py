@@ -27,9 +27,9 @@ from ... import false_alarm
 from ...forward.film import Film
 from ...forward.sensor import Sensor
 from ..line.problem import LineProblem
-from ..noise.causes import causes_of_wiring, in_words
+from ..noise.causes import causes_of_wiring, gained_by_wiring, in_words
 from ..noise.nuisance import WithoutNuisance
-from ..noise.whittle import CellSignals, Likelihood, SpectralBands
+from ..noise.whittle import CellSignals, SpectralBands
 from .setup import number_of_films
 
 LEVELS = 10.0 ** np.arange(-2.0, 2.1, 0.5)  # of p, in units of that which makes the data's power
@@ -105,19 +105,20 @@ def wiring_finding(
     faults = list(_faults(names, power))
     ratios = [_log_evidence(each.gain(gain), white, priors) - stated for each in faults]
     best = int(np.argmax(ratios))
-    if not ratios[best] > np.log(len(faults) / false_alarm.WIRING):
+    least = float(np.log(len(faults) / false_alarm.WIRING))
+    if not ratios[best] > least:
         return None
-    fault, tens = faults[best], ratios[best] / np.log(10)
+    fault = faults[best]
     instead = causes_of_wiring(given, depth_m, fault.gain)
     if instead:
         return WiringFinding(
             f"The signals fit another rig than the one stated: {in_words(instead)}."
         )
-    chance = np.log(len(faults) / false_alarm.WIRING) / np.log(10)
-    beside_noise = _tens_beside_noise(given, depth_m, fault)
-    if beside_noise < chance:
+    with_noise = _gained_with_noise(given, depth_m, fault)
+    if with_noise < least:
         return None
-    is_certain = bool(min(tens, beside_noise) > MOST_DIGITS)
+    is_certain = bool(min(ratios[best], with_noise) > MOST_DIGITS * np.log(10))
+    tens = ratios[best] / np.log(10)
     times = f"more than 10^{MOST_DIGITS}" if is_certain else f"10^{tens:.0f}"
     return WiringFinding(
         f"{fault.words} The signals are {times} times as probable "
@@ -128,16 +129,13 @@ def wiring_finding(
     )
 
 
-def _tens_beside_noise(problem: LineProblem, depth_m: float, fault: ElementWiring) -> float:
-    """The logarithm to the base of ten of the ratio of the greatest likelihoods, with correlated
+def _gained_with_noise(problem: LineProblem, depth_m: float, fault: ElementWiring) -> float:
+    """By how much a fault makes Whittle's likelihood greater in the logarithm, with correlated
     noise on the signals; infinite where these are too short for it."""
     signals = CellSignals.of(problem, depth_m)
     if not signals.stretches:
         return np.inf
-    bands, level = SpectralBands.of(signals), np.sqrt(signals.white)[:, None, None]
-    wired = bands.with_gain(signals._replace(gain=fault.gain(signals.gain * level) / level))
-    costs = [Likelihood(own, True, False).greatest()[0] for own in (bands, wired)]
-    return float((costs[0] - costs[1]) / np.log(10))
+    return gained_by_wiring(signals, SpectralBands.of(signals), fault.gain, has_tail=True)
 
 
 def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
