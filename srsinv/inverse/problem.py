@@ -178,8 +178,10 @@ class Problem(eqx.Module):
         is_estimate = self.noise.is_estimate and not self.noise.causes
         columns = self.nuisance_columns
         if self.noise.is_drift_found:
-            along = np.linspace(-1.0, 1.0, y.shape[1])
-            trend = trend_columns(y, along, FLEXIBLE, self.has_free_offset)
+            time_s = np.asarray(self.motion.time_s, float)
+            ends, jumps_s = time_s[[0, -1]], time_s[0] + np.array(self.noise.jumps_s)
+            along, jumps = (np.interp(each, ends, [-1.0, 1.0]) for each in (time_s, jumps_s))
+            trend = trend_columns(y, along, FLEXIBLE, self.has_free_offset, jumps.tolist())
             columns = np.concatenate([columns, trend], axis=1)
         if not columns.shape[1]:
             return Samples(self.sensor, self.motion, y, noise, is_estimate)

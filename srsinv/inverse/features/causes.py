@@ -1,9 +1,9 @@
 """Which cause that is no fact of the rig would explain what a fit of features leaves.
 
-A low-pass, a saturation, a constant, a drift, hum and a further load are each a model of one
-number, beside parameters of features and facts of the rig. Let v be by how much these are off a fit
-by the facts as stated, and s(v) the signal there, of slopes J. A cause that makes F(s) of a signal
-leaves, of white noise,
+A low-pass, a saturation, a constant, a drift, a jump, hum and a further load are each a model of
+one number, beside parameters of features and facts of the rig. Let v be by how much these are off a
+fit by the facts as stated, and s(v) the signal there, of slopes J. A cause that makes F(s) of a
+signal leaves, of white noise,
 
     min_d |y - F(s) - F'(s) J d|^2,
 
@@ -19,13 +19,14 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import minimize_scalar
 
 from ... import false_alarm
 from ...forward.filter import FirstOrder
 from ...forward.scan import Motion
 from ...grid import as_real
+from ...numerics import orthonormal_basis
 from ..noise.causes import AS_GOOD, ENOUGH, LikelyCause, in_words
 from ..noise.trend import SMOOTH
 from ..nonlinear import Fit, Independent, WithNuisance, whitener
@@ -40,6 +41,7 @@ SLOWEST = 0.1  # of the scan's time: a low-pass beyond it would leave no signal
 LEAST_WAVES = 5  # of hum in a scan: fewer are a drift
 FINER = 4  # frequencies of hum that are tried, over those of the scan's length
 TRENDS = {"constant": 0, "drift": SMOOTH}  # degrees of polynomials on each signal
+SPANS, LEAST_SPAN = (1, 8, 64, 512), 8  # samples before and after a jump, and from the ends
 WIDTHS, APART = (0.5, 1.0, 2.0, 4.0), 0.5  # of further loads, and between them, in depths
 MOST_PLACES = 64  # of a further load
 ALIKE = 1e-10  # of a column's square, added to it: columns may be alike
@@ -133,6 +135,16 @@ class Misfit:
     def freedom(self) -> int:
         """Degrees of freedom."""
         return int(np.isfinite(self.y).sum()) - self.steps.size
+
+    @property
+    def rest(self) -> Signal:
+        """What is left in units of the noise, zero where a sample is missing, at any numbers and
+        any sizes of what is beside, to first order."""
+        per_noise = np.where(np.isfinite(self.y), 1 / self.white, 0.0)
+        left = np.nan_to_num(self.y - self.rows[0]) * per_noise
+        columns = np.concatenate([self.rows[1:], self.beside]) * per_noise
+        basis = orthonormal_basis(columns.reshape(len(columns), -1).T)
+        return left - (basis @ (basis.T @ left.ravel())).reshape(left.shape)
 
     def solved(self, trial: ChangedSignals) -> tuple[float, Float[np.ndarray, " m"]]:
         """Half the squares that a trial leaves at best, and how far the numbers move for it, as far
@@ -316,6 +328,15 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[M
     for name, degree in TRENDS.items():
         yield MisfitCause(name, np.array([degree], float), False, float, smooth)
 
+    def jumped(of: Misfit, at_s: float) -> ChangedSignals:
+        shapes = np.stack([np.ones(time_s.size), time_s - time_s[0] > at_s])
+        return ChangedSignals(of.rows, of_each(np.broadcast_to(shapes, (elements, *shapes.shape))))
+
+    after = _jumps(misfit)
+    if after.size:
+        halfway_s = (time_s[after] + time_s[after + 1]) / 2 - time_s[0]
+        yield MisfitCause("jump_s", halfway_s, False, float, jumped)
+
     tried = _frequencies(misfit, interval_s)
     yield MisfitCause("hum_Hz", tried, False, float, waves)
     if loads is not None:
@@ -326,9 +347,23 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[M
         )  # fmt: skip
 
 
+def _jumps(misfit: Misfit) -> Int[np.ndarray, " jump"]:
+    """The samples after which the means over some spans differ most in what is left."""
+    rest = misfit.rest
+    found, count = set(), rest.shape[1]
+    sums = np.pad(np.cumsum(rest, axis=1), ((0, 0), (1, 0)))
+    for span in SPANS:
+        least = max(span, LEAST_SPAN)
+        at = np.arange(least, count - least)
+        if at.size:
+            apart = sums[:, at + span] + sums[:, at - span] - 2 * sums[:, at]
+            found.add(int(at[np.argmax(np.sum(apart**2, axis=0))]) - 1)
+    return np.array(sorted(found), int)
+
+
 def _frequencies(misfit: Misfit, interval_s: float) -> Float[np.ndarray, " f"]:
     """Frequencies about that of the strongest line in what is left, of a few waves at least."""
-    rest = np.nan_to_num(misfit.y - misfit.rows[0]) / misfit.white
+    rest = misfit.rest
     n = FINER * rest.shape[1]
     power = np.sum(np.abs(np.fft.rfft(rest, n)) ** 2, axis=0)
     power[: FINER * LEAST_WAVES] = 0.0

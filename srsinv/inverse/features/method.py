@@ -12,10 +12,11 @@ from ... import false_alarm
 from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
 from ...modules import with_fields
+from ...quantities import quantity
 from ..diagnostics import beyond_modulus, negative_load
 from ..line.problem import LineProblem
 from ..method import Method
-from ..noise.model import Samples
+from ..noise.model import SampleNoise, Samples
 from ..noise.residual import residual_noise
 from ..nonlinear import Solver
 from ..problem import Problem
@@ -26,10 +27,7 @@ from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
 from .window import stretch_of
 
-DRIFT_FOUND = (
-    "A constant or a drift is on the signals, which no feature of this kind makes. It is estimated "
-    "jointly with the features. If it is a drift, give recording.drift=auto."
-)
+MOST_TRENDS = 4  # that are looked for in what a fit leaves, one after the other
 
 
 class LatestCache:
@@ -125,19 +123,23 @@ class FeatureFit(Method):
         return dataclasses.replace(estimate, log_evidence=evidence, warnings=warnings)
 
     def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
-        """The fit, beside the trend of a drift that nobody stated where that explains a misfit."""
+        """The fit, beside a drift and jumps of the signals where these explain a misfit."""
         if isinstance(problem, LineProblem):
             return self._fit(features, problem)
         problem = problem.aligned()
-        estimate = self._fit(features, problem)
-        if problem.noise.is_drift_found or not _is_drift(estimate):
-            return estimate
-        drifting = with_fields(problem.noise, is_drift_found=True)
-        with_trend = self._fit(features, with_fields(problem, noise=drifting))
-        odds = with_trend.log_evidence - estimate.log_evidence
-        if not odds > -np.log(false_alarm.NOISE_PART):
-            return estimate
-        return dataclasses.replace(with_trend, warnings=(*with_trend.warnings, DRIFT_FOUND))
+        estimate, noise = self._fit(features, problem), problem.noise
+        for _ in range(MOST_TRENDS):
+            drifting = _with_trend(noise, estimate)
+            if drifting is None:
+                break
+            other = self._fit(features, with_fields(problem, noise=drifting))
+            odds = other.log_evidence - estimate.log_evidence
+            if not odds > -np.log(false_alarm.NOISE_PART):
+                break
+            estimate, noise = other, drifting
+        if noise.is_drift_found == problem.noise.is_drift_found:
+            return estimate  # it is as stated
+        return dataclasses.replace(estimate, warnings=(*estimate.warnings, _trend_found(noise)))
 
     def _fit(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         samples = problem.samples()
@@ -189,9 +191,28 @@ class FeatureFit(Method):
         )
 
 
-def _is_drift(estimate: FeatureEstimate) -> bool:
-    """Whether a constant or a drift explains most of what a fit leaves."""
-    return bool(estimate.causes) and estimate.causes[0].name in TRENDS
+def _with_trend(noise: SampleNoise, estimate: FeatureEstimate) -> SampleNoise | None:
+    """The noise with a drift or a further jump, where that explains most of what a fit beside it
+    leaves."""
+    cause = estimate.causes[0] if estimate.causes else None
+    if cause is not None and cause.name == "jump_s" and cause.value not in noise.jumps_s:
+        jumps_s = (*noise.jumps_s, cause.value)
+        return with_fields(noise, is_drift_found=True, jumps_s=jumps_s)
+    if cause is not None and cause.name in TRENDS and not noise.is_drift_found:
+        return with_fields(noise, is_drift_found=True)
+    return None
+
+
+def _trend_found(noise: SampleNoise) -> str:
+    """Warning on a drift or jumps that nobody stated."""
+    where = ", ".join(quantity(each, "s") for each in sorted(noise.jumps_s))
+    there_is = "A constant or a drift is on the signals"
+    if where:
+        there_is = f"The signals jump (at {where} from the first sample)"
+    return (
+        f"{there_is}, which no feature of this kind makes. It is estimated jointly with the "
+        "features. If it is a drift, give recording.drift=auto."
+    )
 
 
 def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> FeatureEstimate:

@@ -44,10 +44,11 @@ Gain = Complex[np.ndarray, "e c k"]
 
 class LikelyCause(NamedTuple):
     """A cause by its name, `gain_2`, `angle_2_deg`, `offset_2_m`, `depth_m`, `low_pass_2_Hz` (of
-    all elements `low_pass_Hz`), `saturation`, `constant`, `drift`, `hum_Hz` or `load_m`, and the
-    value that explains the signals best: a gain as a factor on what is stated, a low-pass as its
-    cut-off frequency, a saturation as the fraction that the largest sample has lost, a constant and
-    a drift as the degree of a polynomial, a further load as its place."""
+    all elements `low_pass_Hz`), `saturation`, `constant`, `drift`, `jump_s`, `hum_Hz` or `load_m`,
+    and the value that explains the signals best: a gain as a factor on what is stated, a low-pass
+    as its cut-off frequency, a saturation as the fraction that the largest sample has lost, a
+    constant and a drift as the degree of a polynomial, a jump as the seconds from the first sample,
+    a further load as its place."""
 
     name: str
     value: float
@@ -62,6 +63,8 @@ class LikelyCause(NamedTuple):
             return SIGNALS[name]
         if name == "depth":
             return f"a depth of {quantity(self.value, 'm')}"
+        if name == "jump":
+            return f"a jump of the signals at {quantity(self.value, 's')} from the first sample"
         if name == "hum":
             return f"hum at {quantity(self.value, 'Hz')}"
         if name == "load":
@@ -86,7 +89,7 @@ class LikelyCause(NamedTuple):
 
 SIGNALS = {"constant": "a constant on the signals", "drift": "a drift of the signals"}
 REMEDIES = {
-    **dict.fromkeys(SIGNALS, "Give recording.drift=auto"),
+    **dict.fromkeys([*SIGNALS, "jump"], "Give recording.drift=auto"),
     "hum": "Give its frequency as recording.mains_Hz",
     "load": "Fit a further feature, or another",
     "saturation": "Record it with less gain",

@@ -1,6 +1,6 @@
 """The noise of recorded samples, as inversions on a line and as fits along a motion take it."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -52,6 +52,7 @@ class SampleNoise(eqx.Module):
     - `level_stderr`: relative standard error of the white levels.
     - `is_drift_found`: whether the drift was looked for in the recording; on cells its level is
       then estimated anew, with the traction.
+    - `jumps_s`: seconds from the first sample after which the signals have jumped.
 
     Raises `BadInput` for levels that are not above zero, and other numbers below it.
     """
@@ -63,6 +64,7 @@ class SampleNoise(eqx.Module):
     is_estimate: bool = eqx.field(static=True)
     level_stderr: float = eqx.field(static=True)
     is_drift_found: bool = eqx.field(static=True)
+    jumps_s: tuple[float, ...] = eqx.field(static=True)
 
     def __init__(
         self,
@@ -73,8 +75,10 @@ class SampleNoise(eqx.Module):
         drift_time_s: Any = np.inf,
         level_stderr: float = LEVEL_STDERR,
         is_drift_found: bool = False,
+        jumps_s: Sequence[float] = (),
     ):
         self.level_stderr, self.is_drift_found = float(level_stderr), bool(is_drift_found)
+        self.jumps_s = tuple(jumps_s)
         wanted = "a positive number in the signal's unit"
         self.white = as_real(
             [number("the noise's rms", each, wanted, above=0) for each in _each(rms)]

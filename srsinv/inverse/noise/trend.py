@@ -1,4 +1,6 @@
-"""A drift's trend: polynomials on each element's signal, among its nuisance columns."""
+"""A drift's trend: polynomials and jumps on each element's signal, among its nuisance columns."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
@@ -13,19 +15,22 @@ def trend_columns(
     along: Float[np.ndarray, " n"],
     degree: int,
     has_free_offset: bool,
+    jumps: Sequence[float] = (),
 ) -> Float[np.ndarray, "e column n"]:
-    """Legendre polynomials of places from -1 to 1 on each element's samples, zero where one is
-    missing (NaN); the constant is left out where it is free.
+    """Legendre polynomials of places from -1 to 1 on each element's samples, and a step after each
+    place of `jumps`, zero where a sample is missing (NaN); the constant is left out where it is
+    free.
 
-    A constant and a slope may be of any size. What is bent further may be as large as it is in the
-    signal, and no larger.
+    A constant, a slope and a step may be of any size. What is bent further may be as large as it is
+    in the signal, and no larger.
     """
-    shapes = np.polynomial.legendre.legvander(along, degree).T
+    steps = along > np.array(jumps)[:, None]
+    shapes = np.concatenate([np.polynomial.legendre.legvander(along, degree).T, steps])
     is_there = np.isfinite(y)
     data = np.where(is_there, y, 0.0)
-    size = np.full((len(y), degree + 1), np.nan)
+    size = np.full((len(y), len(shapes)), np.nan)
     for row, own, mask in zip(size, data, is_there, strict=True):
         row[:] = np.abs(np.linalg.lstsq(np.where(mask, shapes, 0.0).T, own)[0])
-        row[: STRAIGHT + 1] = WIDE * np.max(np.abs(data))
+        row[: STRAIGHT + 1] = row[degree + 1 :] = WIDE * np.max(np.abs(data))
     columns = size[..., None] * shapes * is_there[:, None]
     return columns[:, int(has_free_offset) :]
