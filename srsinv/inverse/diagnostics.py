@@ -115,6 +115,7 @@ def reasons(status: Status, warnings: Collection[str], has_bands: bool = True) -
     return (*stopped, *warnings, *(() if has_bands else (WITHOUT_BANDS,)))
 
 
+FEW_DOF = 0.01  # of which the number says no more
 LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
 LEAST_EXPLAINED = 0.5  # of a prior's variance: with less, the error is larger than the estimate
 # Limit on an inversion's residual, in rms: bands so much too narrow cover 81 % in place of 90 %.
@@ -149,9 +150,9 @@ def prior_alone(
         return ()
     part = f", {max(explained, 0.0):.0%} of its prior's variance" if explained < 1 else ""
     return (
-        f"The signal resolves {resolved_dof:.2g} of the {cells} degrees of freedom of {name}{part}"
-        ": most of what is shown of it is the prior, with the prior's band. Where q = mu p, give "
-        "friction=MU; else a further element, or less noise.",
+        f"The signal resolves {_count(resolved_dof)} of the {cells} degrees of freedom of {name}"
+        f"{part}: most of what is shown of it is the prior, with the prior's band. Where q = mu p, "
+        "give friction=MU; else a further element, or less noise.",
     )
 
 
@@ -162,8 +163,13 @@ def shared_out(resolved_dof: float) -> Sequence[str]:
         return ()
     return (
         "The elements respond to one mix of p and q alone, and the prior divides it between them: "
-        f"the signal resolves {resolved_dof:.2g} degrees of freedom of their difference.",
+        f"the signal resolves {_count(resolved_dof)} degrees of freedom of their difference.",
     )
+
+
+def _count(resolved_dof: float) -> str:
+    """Degrees of freedom in a sentence."""
+    return f"{resolved_dof:.2g}" if resolved_dof >= FEW_DOF else f"less than {FEW_DOF}"
 
 
 def pulled_by_prior(name: str, pull: float, resolved_dof: float) -> Sequence[str]:
