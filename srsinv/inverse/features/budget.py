@@ -14,7 +14,7 @@ import numpy as np
 from ..nonlinear import Fit
 from ..rig.error import CALIBRATION, NOISE, contradiction
 
-CELLS = "cells"
+CELLS, OTHER_MINIMUM = "cells", "other_minimum"
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
 
 Read = Mapping[str, tuple[float, float]]
@@ -53,19 +53,18 @@ def budget_of(
     read: Read,
     report: Callable[[Fit], Read],
     sources: tuple[str, ...],
-    cells: np.ndarray | None = None,
+    others: Mapping[str, np.ndarray],
 ) -> Budget:
     """The budget of each parameter that was `read`, empty where no error has any part but the
     noise.
 
     `report` reads the parameters from a fit; `sources` (j,) are those of the directions that the
-    rig's errors were fitted in; `cells` (m,): moves by the width of cells, which the fit has in its
-    standard errors. NaN where a standard error is infinite.
+    rig's errors were fitted in; `others` by their source: moves (m,) that are in what was read and
+    not in the errors of the fit. NaN where a standard error is infinite.
     """
     own = rows_of(fit, "calibration")
     moves = [(source, fit.covariance[:, i]) for source, i in zip(sources, own, strict=True)]
-    if cells is not None:
-        moves.append((CELLS, cells))
+    moves += others.items()
     if not moves:
         return Budget()
     squares = {name: dict.fromkeys([source for source, _ in moves], 0.0) for name in read}

@@ -8,8 +8,9 @@ its parameters integrated out.
 import copy
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
-from functools import partial
-from typing import Any
+from functools import partial, reduce
+from itertools import product
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -28,7 +29,7 @@ from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig.error import SensorError, UncertainSetup
 from ..rig.setup import OF_CONTACT, Setup
-from .budget import budget_of, contradicted, names_of_facts
+from .budget import CELLS, OTHER_MINIMUM, budget_of, contradicted, names_of_facts
 from .causes import Explained, FittedModel, explained
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains
@@ -154,24 +155,26 @@ class FeatureFitter:
             levels = rough.alone(y) if rough else None
             using = rough.whitener(levels, y) if rough and levels else noise
             return FeatureEstimate.of_nothing(model, y, using, levels)
-        allowing, sources, against = self, (), ()
+        allowing, sources, rivals = self, (), Rivals()
         plain = result
         rig = None if rig is None else rig.without(self._facts_aside)
         if rig is not None:
             # Before the noise is estimated: what wrong facts leave is no noise.
-            allowing, sources, result, against = self._allowing_for(rig, features, result, y, using)
+            allowing, sources, result, rivals = self._allowing_for(rig, features, result, y, using)
         if rough and levels:
             again = lambda begun, white: allowing._fit(features, begun, y, white)  # noqa: E731
             result, levels = rough.settled(again, result, levels, y)
         model = allowing._model.with_features(features)
-        cells = None
+        moves = dict(rivals.moves)
         if any(feature.is_of_surface for feature in features.values()):
-            result, cells = allowing._with_cells_error(model, result)
+            moves |= allowing._moves_by_cells(model, result)
+        wider = reduce(Fit.with_error, moves.values(), result)
         report = partial(model.loading.report, features)
-        read = report(result)
-        budget = budget_of(result, read, report, sources, cells)
+        read = report(wider)
+        budget = budget_of(result, read, report, sources, moves)
         evidence = self._evidence(features, result)
-        against = (*against, *(rough.warnings(levels, y, result) if rough and levels else ()))
+        of_noise = rough.warnings(levels, y, result) if rough and levels else ()
+        against = (*rivals.warnings, *of_noise)
         against = (*against, *self._misfit(features, y, result), *contradicted(result, sources))
         causes = Explained()
         if against or result.warnings:
@@ -183,8 +186,8 @@ class FeatureFitter:
             )
             causes = explained(y, begun, ended, white, self._motion, self._depth_m)
             against = (*against, *causes.warnings)
-        result = result.renamed(names_of_facts(sources))
-        made = FeatureEstimate.of(features, result, model, y, read, evidence, levels, against)
+        wider = wider.renamed(names_of_facts(sources))
+        made = FeatureEstimate.of(features, wider, model, y, read, evidence, levels, against)
         return dataclasses.replace(made, budget=budget, causes=causes.causes)
 
     def many(
@@ -322,13 +325,13 @@ class FeatureFitter:
         each = (float(weigh(f, values[n], self._search)[0]) for n, f in features.items())
         return _evidence_of(result, sum(each, 0.0))
 
-    def _with_cells_error(
+    def _moves_by_cells(
         self, model: FeatureModel, result: Fit
-    ) -> tuple[Fit, Float[np.ndarray, " m"] | None]:
-        """The fit, its errors with what half as wide cells would change where that is noticed, and
-        these changes."""
+    ) -> dict[str, Float[np.ndarray, " m"]]:
+        """The moves of a fit's parameters that half as wide cells would make, where they are
+        noticed."""
         if result.noise_rms is not None or not cells_may_show(result):
-            return result, None
+            return {}
         exact, params = model.at_facts(jax.tree.map(as_real, result.value))
         setup = Setup(self._sensor)
         if model.uncertain is not None:
@@ -336,7 +339,7 @@ class FeatureFitter:
         finer = exact.halved(setup.sensor, setup.motion(self._motion))
         change = np.asarray(finer(params)) - np.asarray(exact(params))
         moves = result.moves(change)
-        return (result.with_error(moves), moves) if are_noticed(moves, result) else (result, None)
+        return {CELLS: moves} if are_noticed(moves, result) else {}
 
     @property
     def _facts_aside(self) -> frozenset[str]:
@@ -348,9 +351,9 @@ class FeatureFitter:
 
     def _allowing_for(
         self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any
-    ) -> tuple["FeatureFitter", tuple[str, ...], Fit, tuple[str, ...]]:
+    ) -> tuple["FeatureFitter", tuple[str, ...], Fit, "Rivals"]:
         """The fitter with room for what is not known of the rig, the sources of its errors, the
-        fit, and warnings on other minima. Tolerances are large: the facts are parameters as the
+        fit, and other minima. Tolerances are large: the facts are parameters as the
         others are. What a calibration leaves is small, so that signals are linear in it."""
         own, model = copy.copy(self), self._model.with_features(features)
         own._rig, start = rig, dict(result.value)
@@ -363,7 +366,7 @@ class FeatureFitter:
             )
             own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
             start["calibration"] = np.zeros(len(columns))
-            return own, rig.sources(len(columns)), own._fit(features, start, y, noise), ()
+            return own, rig.sources(len(columns)), own._fit(features, start, y, noise), Rivals()
         start["calibration"] = np.zeros(known.root.shape[1])
         own._solver = model.loading.solver(self._given_solver, has_facts=True)
         result = own._beside_facts(known, features, start, y, noise)
@@ -374,7 +377,7 @@ class FeatureFitter:
         if _cost(best) < _cost(result) - SAME_COST:
             others.append(result)
             result = own._beside_facts(known, features, dict(best.value), y, noise)
-        return own, rig.sources(known.root.shape[1]), result, _rivals(features, result, others)
+        return own, rig.sources(known.root.shape[1]), result, Rivals.of(features, result, others)
 
     def _resized(self, features: Features, result: Fit) -> Iterator[dict[str, Any]]:
         """Starts with each feature narrower and wider than in a fit: its width and that of a film's
@@ -411,22 +414,36 @@ def _cost(fit: Fit) -> float:
     return float(fit.stats["cost"])
 
 
-def _rivals(features: Features, result: Fit, others: Sequence[Fit]) -> tuple[str, ...]:
-    """A warning on a shape of a feature that is far from the fit's, and not much less probable."""
-    for other in sorted(others, key=_cost):
-        odds = float(np.exp(min(_cost(result) - _cost(other), 0.0)))
-        for name, feature in features.items():
-            for part in feature.axes:
-                ours, error = float(result.value[name][part]), float(result.stderr[name][part])
-                theirs = float(other.value[name][part])
-                if odds > false_alarm.CHECK and abs(theirs - ours) > APART * error:
-                    said = quantity(theirs, "m" if part.endswith("_m") else "1")
-                    return (
-                        f"A {part.rpartition('_')[0].replace('_', ' ')} of {said} is {odds:.2g} "
-                        "times as probable: features and facts of the rig explain the signals in "
-                        "two ways. Measure the films' strips, and state their tolerance.",
-                    )
-    return ()
+class Rivals(NamedTuple):
+    """Warnings on another minimum that is far from a fit's and not much less probable, and the
+    moves of the parameters for which it is in their standard errors."""
+
+    warnings: tuple[str, ...] = ()
+    moves: Mapping[str, Float[np.ndarray, " m"]] = {}
+
+    @classmethod
+    def of(cls, features: Features, result: Fit, others: Sequence[Fit]) -> "Rivals":
+        """The most probable of the others, where a shape of a feature is far from the fit's.
+
+        Where the one is w times as probable as the other, its distance d adds w/(1+w) d^2 to the
+        mean square of what is off the fit.
+        """
+        parts = [(name, part) for name, feature in features.items() for part in feature.axes]
+        for other, (name, part) in product(sorted(others, key=_cost), parts):
+            odds = float(np.exp(min(_cost(result) - _cost(other), 0.0)))
+            ours, error = float(result.value[name][part]), float(result.stderr[name][part])
+            theirs = float(other.value[name][part])
+            if odds > false_alarm.CHECK and abs(theirs - ours) > APART * error:
+                what = part.rpartition("_")[0].replace("_", " ")
+                said = quantity(theirs, "m" if part.endswith("_m") else "1")
+                warning = (
+                    f"A {what} of {said} is {odds:.2g} times as probable: features and facts of "
+                    "the rig explain the signals in two ways. Measure the films' strips, and state "
+                    "their tolerance."
+                )
+                moves = np.sqrt(odds / (1 + odds)) * result.moves_to(other)
+                return cls((warning,), {OTHER_MINIMUM: moves})
+        return cls()
 
 
 def _evidence_of(fit: Fit, log_prior_ratio: float) -> float:

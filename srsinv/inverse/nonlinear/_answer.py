@@ -187,6 +187,10 @@ class Fit:
         wider = self._spread.times(float(np.hypot(1.0, distance)))
         return dataclasses.replace(self, status=Status.CONVERGED, _spread=wider)
 
+    def moves_to(self, other: "Fit") -> np.ndarray:
+        """The moves (m,) of the free parameters that lead to another fit of the same."""
+        return other._z - self._z
+
     def with_error(self, moves: np.ndarray) -> "Fit":
         """The same fit where the free parameters may also be off by `moves` (m,)."""
         return dataclasses.replace(self, _spread=self._spread.with_error(moves))
