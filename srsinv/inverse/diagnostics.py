@@ -115,6 +115,10 @@ def reasons(status: Status, warnings: Collection[str], has_bands: bool = True) -
     return (*stopped, *warnings, *(() if has_bands else (WITHOUT_BANDS,)))
 
 
+WRONG_KIND = (
+    "The feature is of another kind, or a fact of the sensor, the speed or the recording is not as "
+    "stated."
+)
 FEW_DOF = 0.01  # of which the number says no more
 LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
 LEAST_EXPLAINED = 0.5  # of a prior's variance: with less, the error is larger than the estimate
@@ -452,16 +456,33 @@ def undetected(name: str) -> str:
     )
 
 
-def local_misfit(excess: float, remedy: str = "") -> Sequence[str]:
+def local_misfit(excess: float) -> Sequence[str]:
     """Warning on a residual whose power where the fitted signal is, is `excess` times that of the
-    noise; 1 where chance makes as much. `remedy`: a sentence on what to try first."""
+    noise; 1 where chance makes as much."""
     if not excess > 1:
         return ()
     return (
         f"Residuals where the feature is, averaged over half a depth, are {np.sqrt(excess):.2g} "
         "times what noise makes: the model does not fit there, and standard errors are too small. "
-        "The feature is of another kind, or a fact of the sensor, the speed or the recording is "
-        "not as stated." + remedy,
+        + WRONG_KIND,
+    )
+
+
+def widened_for_misfit(overall: float, local: float, remedy: str = "") -> Sequence[str]:
+    """Warning on standard errors that are widened, as the residual's power is more than the
+    noise's: `overall` times, and `local` times where the fitted signal is; 1 where chance makes as
+    much. `remedy`: a sentence on what to try first."""
+    if not max(overall, local) > 1:
+        return ()
+    over = f"The residual is {np.sqrt(overall):.2g} times the noise"
+    near = (
+        f"Residuals where the feature is, averaged over half a depth, are {np.sqrt(local):.2g} "
+        "times what noise makes"
+    )
+    said = near if local > overall else over
+    return (
+        f"{said}: the model does not fit, and what the noise adds to the standard errors is "
+        f"widened by as much. {WRONG_KIND}{remedy}",
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from ..nonlinear import Fit
 from ..rig.error import CALIBRATION, NOISE, contradiction
 
-CELLS, OTHER_MINIMUM = "cells", "other_minimum"
+CELLS, OTHER_MINIMUM, MISFIT = "cells", "other_minimum", "misfit"
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
 
 Read = Mapping[str, tuple[float, float]]
@@ -59,12 +59,12 @@ def budget_of(
     noise.
 
     `report` reads the parameters from a fit; `sources` (j,) are those of the directions that the
-    rig's errors were fitted in; `others` by their source: moves (m,) that are in what was read and
-    not in the errors of the fit. NaN where a standard error is infinite.
+    rig's errors were fitted in; `others` by their source: moves (m, k) that are in what was read
+    and not in the errors of the fit. NaN where a standard error is infinite.
     """
     own = rows_of(fit, "calibration")
     moves = [(source, fit.covariance[:, i]) for source, i in zip(sources, own, strict=True)]
-    moves += others.items()
+    moves += [(source, move) for source, each in others.items() for move in each.T]
     if not moves:
         return Budget()
     squares = {name: dict.fromkeys([source for source, _ in moves], 0.0) for name in read}

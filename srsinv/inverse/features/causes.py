@@ -41,6 +41,7 @@ SLOWEST = 0.1  # of the scan's time: a low-pass beyond it would leave no signal
 LEAST_WAVES = 5  # of hum in a scan: fewer are a drift
 FINER = 4  # frequencies of hum that are tried, over those of the scan's length
 TRENDS = {"constant": 0, "drift": SMOOTH}  # degrees of polynomials on each signal
+PART = {"jump_s": 0.2}  # of a misfit, in place of `ENOUGH`: there may be several of these
 SPANS, LEAST_SPAN = (1, 8, 64, 512), 8  # samples before and after a jump, and from the ends
 WIDTHS, APART = (0.5, 1.0, 2.0, 4.0), 0.5  # of further loads, and between them, in depths
 MOST_PLACES = 64  # of a further load
@@ -242,8 +243,8 @@ def explained(
     depth_m: float,
 ) -> Explained:
     """What explains most of the misfit that a fit to `y` `ended` with; nothing where no cause
-    explains half of it, where the data do not determine all parameters, and beside noise that is
-    stated and not white.
+    explains half of it and no jump a fifth, where the data do not determine all parameters, and
+    beside noise that is stated and not white.
 
     `begun`: the fit by the facts as stated; `white`: levels of the white noise, where they were
     estimated.
@@ -264,8 +265,8 @@ def explained(
     end, misfit = (Misfit.of(y, level, each, beside) for each in (ended, begun))
     least, _ = end.solved(ChangedSignals(end.rows, end.rows[:0]))
     excess = least - misfit.freedom / 2
-    enough = max(ENOUGH * excess, -float(np.log(false_alarm.NOISE_PART)))
-    if excess < enough:
+    beyond_chance = -float(np.log(false_alarm.NOISE_PART))
+    if excess < beyond_chance:
         return Explained()
     causes = list(_causes(misfit, motion, Loads.along(begun, motion, depth_m)))
     first = [each.gain(misfit, least, is_followed=False)[0] for each in causes]
@@ -274,7 +275,11 @@ def explained(
         for each, gain in zip(causes, first, strict=True)
         if gain > PROMISING * max(*first, 0.0)
     ]
-    found = sorted((each for each in found if each[0] > enough), reverse=True)
+    found = [
+        (gain, cause)
+        for gain, cause in sorted(found, reverse=True)
+        if gain > max(PART.get(cause.name, ENOUGH) * excess, beyond_chance)
+    ]
     if not found:
         return Explained()
     best = found[0][0]

@@ -14,7 +14,7 @@ from scipy.special import softmax
 from ...errors import of_kind
 from ...grid import Line, as_real
 from ...status import Status
-from ..diagnostics import Quality, of_fit, undetected
+from ..diagnostics import Quality, of_fit, quality, undetected
 from ..estimate import Estimate, Numbers
 from ..line.model import CHI2, FREEDOM
 from ..line.problem import ScannedCells
@@ -134,6 +134,13 @@ class FeatureEstimate(Estimate):
     def name(self) -> str:
         """The features' names, joined."""
         return " + ".join(self.features) or "nothing"
+
+    @property
+    def quality(self) -> Quality:
+        """Good, doubtful or failed; one whose standard errors hold its misfit has an answer."""
+        chi2, freedom = self.stats[CHI2], self.stats[FREEDOM]
+        is_widened = self.fit is not None and self.fit.is_widened
+        return quality(self.status, None if is_widened else chi2, self.warnings, freedom)
 
     @property
     def explains(self) -> bool:

@@ -29,12 +29,12 @@ from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig.error import SensorError, UncertainSetup
 from ..rig.setup import OF_CONTACT, Setup
-from .budget import CELLS, OTHER_MINIMUM, budget_of, contradicted, names_of_facts
+from .budget import CELLS, MISFIT, OTHER_MINIMUM, budget_of, contradicted, names_of_facts
 from .causes import Explained, FittedModel, explained
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
-from .misfit import misfit_warnings
+from .misfit import FitMisfit
 from .model import FeatureModel, scan_extent
 from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
 
@@ -169,13 +169,17 @@ class FeatureFitter:
         if any(feature.is_of_surface for feature in features.values()):
             moves |= allowing._moves_by_cells(model, result)
         wider = reduce(Fit.with_error, moves.values(), result)
+        misfit = self._misfit(features, y, result)
+        if misfit.times > 1:
+            moves[MISFIT] = misfit.moves(result)
+            wider = wider.with_misfit(moves[MISFIT])
         report = partial(model.loading.report, features)
         read = report(wider)
         budget = budget_of(result, read, report, sources, moves)
         evidence = self._evidence(features, result)
         of_noise = rough.warnings(levels, y, result) if rough and levels else ()
         against = (*rivals.warnings, *of_noise)
-        against = (*against, *self._misfit(features, y, result), *contradicted(result, sources))
+        against = (*against, *misfit.warnings, *contradicted(result, sources))
         causes = Explained()
         if against or result.warnings:
             begun = FittedModel(plain, using, *allowing._by_stated_facts(features))
@@ -212,9 +216,10 @@ class FeatureFitter:
         ratios = loading.log_prior_ratio(feature, shapes, self._search)
 
         def estimate_of(fit: Fit, y: np.ndarray, ratio: float) -> FeatureEstimate:
-            read, evidence = loading.report(features, fit), _evidence_of(fit, float(ratio))
-            against = self._misfit(features, y, fit)
-            return FeatureEstimate.of(features, fit, model, y, read, evidence, None, against)
+            misfit, evidence = self._misfit(features, y, fit), _evidence_of(fit, float(ratio))
+            wider = fit.with_misfit(misfit.moves(fit)) if misfit.times > 1 else fit
+            read, against = loading.report(features, wider), misfit.warnings
+            return FeatureEstimate.of(features, wider, model, y, read, evidence, None, against)
 
         return list(map(estimate_of, fits, ys, ratios))
 
@@ -229,8 +234,8 @@ class FeatureFitter:
 
     def _misfit(
         self, features: Features, y: Float[np.ndarray, "e sample"], result: Fit
-    ) -> tuple[str, ...]:
-        """Warnings on what a fit leaves where the features are."""
+    ) -> FitMisfit:
+        """What a fit leaves beyond the noise."""
         turns = len(self._motion.directions) > 1
         others = [
             f"feature.{name}.{each.other_setting}"
@@ -238,7 +243,7 @@ class FeatureFitter:
             if turns and each.is_of_surface and each.other_setting
         ]
         remedy = f" Passed both ways, it may be that {' or '.join(others)}." if others else ""
-        return misfit_warnings(result, y, self._motion.position_m, self._depth_m, remedy)
+        return FitMisfit.of(result, y, self._motion.position_m, self._depth_m, remedy)
 
     def _fit_in_turn(
         self,
@@ -327,7 +332,7 @@ class FeatureFitter:
 
     def _moves_by_cells(
         self, model: FeatureModel, result: Fit
-    ) -> dict[str, Float[np.ndarray, " m"]]:
+    ) -> dict[str, Float[np.ndarray, "m 1"]]:
         """The moves of a fit's parameters that half as wide cells would make, where they are
         noticed."""
         if result.noise_rms is not None or not cells_may_show(result):
@@ -339,7 +344,7 @@ class FeatureFitter:
         finer = exact.halved(setup.sensor, setup.motion(self._motion))
         change = np.asarray(finer(params)) - np.asarray(exact(params))
         moves = result.moves(change)
-        return {CELLS: moves} if are_noticed(moves, result) else {}
+        return {CELLS: moves[:, None]} if are_noticed(moves, result) else {}
 
     @property
     def _facts_aside(self) -> frozenset[str]:
@@ -419,7 +424,7 @@ class Rivals(NamedTuple):
     moves of the parameters for which it is in their standard errors."""
 
     warnings: tuple[str, ...] = ()
-    moves: Mapping[str, Float[np.ndarray, " m"]] = {}
+    moves: Mapping[str, Float[np.ndarray, "m 1"]] = {}
 
     @classmethod
     def of(cls, features: Features, result: Fit, others: Sequence[Fit]) -> "Rivals":
@@ -442,7 +447,7 @@ class Rivals(NamedTuple):
                     "their tolerance."
                 )
                 moves = np.sqrt(odds / (1 + odds)) * result.moves_to(other)
-                return cls((warning,), {OTHER_MINIMUM: moves})
+                return cls((warning,), {OTHER_MINIMUM: moves[:, None]})
         return cls()
 
 

@@ -21,6 +21,7 @@ def undetected_features(
 ) -> tuple[str, ...]:
     """Features not detected above the noise: their place, width and friction are then those of
     noise."""
+    fit = fit.without_misfit
     if any(feature.is_of_surface for feature in features.values()):
         return () if _gain(fit) >= DETECTION_SIGMA**2 else tuple(features)
     return tuple(
@@ -33,6 +34,7 @@ def undetected_features(
 def limited_by_bounds(fit: Fit) -> frozenset[str]:
     """Parameters on a bound, and those correlated with them: the unbounded optimum lies beyond, and
     no standard error covers it."""
+    fit = fit.without_misfit
     rows = [fit.names.index(name) for name in fit.at_bound]
     with np.errstate(invalid="ignore"):
         traded = np.any(np.abs(fit.correlation[rows]) > STRONG_CORRELATION, axis=0)

@@ -27,7 +27,7 @@ from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
 from .window import stretch_of
 
-MOST_TRENDS = 4  # that are looked for in what a fit leaves, one after the other
+MOST_TRENDS = 5  # that are looked for in what a fit leaves, one after the other
 
 
 class LatestCache:

@@ -10,7 +10,7 @@ variance 2 tr(C_a P C_a P). It is taken as a multiple of a chi-square with these
 the uncertainty of the noise's level added to its variance.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -18,10 +18,11 @@ from scipy.special import chdtrc
 
 from ... import false_alarm
 from ...numerics import orthonormal_basis
-from ..diagnostics import Quality, local_misfit
+from ..diagnostics import is_excess, widened_for_misfit
 from ..nonlinear import Fit
 
 MOST_BLOCKS = 512  # of samples, each with its mean: a misfit is as long as the film is deep
+UNEXPLAINED = 0.25  # of the signals' power: a fit that leaves more is of another thing
 PRESENT = 0.1  # of the fitted signal's greatest amplitude: from there on it is at a place
 
 
@@ -104,24 +105,51 @@ def _means(values: Float[np.ndarray, "row sample"], size: int) -> Float[np.ndarr
     return _sums(np.where(known, values, 0.0), size) / counts
 
 
-def misfit_warnings(
-    fit: Fit,
-    y: Float[np.ndarray, "e sample"],
-    position_m: Any,
-    depth_m: float,
-    remedy: str = "",
-) -> tuple[str, ...]:
-    """Warnings on what a fit to the signals `y` at these positions leaves where its signal is, none
-    where chance makes as much, the noise was not known, or its chi-square says that no band holds.
+def excess_of(fit: Fit, y: Float[np.ndarray, "e sample"], position_m: Any, depth_m: float) -> float:
+    """The power of what a fit to the signals `y` at these positions leaves where its signal is,
+    over that of the noise; 1 where chance makes as much, and where the noise was not known.
 
-    - `depth_m`: of the film, which gives the scale of a misfit. `remedy`: see `local_misfit`.
+    `depth_m`: of the film, which gives the scale of a misfit.
     """
-    is_beyond = fit.status.is_answer and fit.quality is Quality.FAILED
-    if fit.noise_rms is not None or is_beyond:
-        return ()
+    if fit.noise_rms is not None:
+        return 1.0
     observed = np.isfinite(fit.residual)
     whitened = np.where(observed, np.reshape(fit.whitened, y.shape), np.nan)
     taken = np.reshape(fit.jacobian[: y.size], (*y.shape, -1))
     x, level_stderr = np.asarray(position_m, float), fit.noise_level_stderr
-    excess = local_excess(whitened, y - fit.residual, x, depth_m, taken, level_stderr)
-    return tuple(local_misfit(excess, remedy))
+    return local_excess(whitened, y - fit.residual, x, depth_m, taken, level_stderr)
+
+
+class FitMisfit(NamedTuple):
+    """How many `times` the noise a fit leaves, 1 where chance makes as much, and the warnings on
+    it. Errors of parameters by the noise are as many times as large."""
+
+    times: float
+    warnings: tuple[str, ...]
+
+    @classmethod
+    def of(
+        cls,
+        fit: Fit,
+        y: Float[np.ndarray, "e sample"],
+        position_m: Any,
+        depth_m: float,
+        remedy: str = "",
+    ) -> "FitMisfit":
+        """That of a fit to the signals `y` at these positions. None where the fit is no answer, or
+        leaves more than `UNEXPLAINED`: no errors of its parameters hold then.
+
+        `remedy`: see `widened_for_misfit`.
+        """
+        rest, freedom = np.nansum(fit.residual**2), fit.stats["degrees_of_freedom"]
+        if not fit.status.is_answer or not rest < UNEXPLAINED * np.nansum(y**2):
+            return cls(1.0, ())
+        chi2, local = fit.known_chi2, excess_of(fit, y, position_m, depth_m)
+        is_over = chi2 is not None and is_excess(chi2, freedom, 0.0, fit.noise_level_stderr)
+        overall = chi2 if chi2 is not None and is_over else 1.0
+        said = widened_for_misfit(overall, local, remedy)
+        return cls(float(np.sqrt(max(overall, local))), tuple(said))
+
+    def moves(self, fit: Fit) -> Float[np.ndarray, "m m"]:
+        """The moves of the fit's parameters that are added to those by the noise."""
+        return np.sqrt(self.times**2 - 1) * fit.moves_by_noise()

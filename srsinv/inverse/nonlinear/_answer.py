@@ -70,6 +70,7 @@ class Fit:
     _z: np.ndarray
     _spread: Spread
     notes: tuple[str, ...] = ()
+    _narrower: "Fit | None" = None
 
     @cached_property
     def stderr(self) -> Tree:
@@ -120,7 +121,8 @@ class Fit:
         freedom = self.stats["degrees_of_freedom"]
         independent = freedom * independent_share(self.whitened)
         level_stderr = self.noise_level_stderr
-        own = of_fit(self.known_chi2, independent, self.at_bound, self.undetermined, level_stderr)
+        chi2 = None if self.is_widened else self.known_chi2
+        own = of_fit(chi2, independent, self.at_bound, self.undetermined, level_stderr)
         unchecked = () if self.noise_rms is not None else unchecked_residual(self.known_chi2)
         return (*own, *unchecked, *self.notes)
 
@@ -128,7 +130,8 @@ class Fit:
     def quality(self) -> Quality:
         """Good, doubtful or failed."""
         freedom = self.stats["degrees_of_freedom"]
-        return quality(self.status, self.known_chi2, self.warnings, freedom)
+        chi2 = None if self.is_widened else self.known_chi2
+        return quality(self.status, chi2, self.warnings, freedom)
 
     @property
     def reasons(self) -> tuple[str, ...]:
@@ -192,8 +195,30 @@ class Fit:
         return other._z - self._z
 
     def with_error(self, moves: np.ndarray) -> "Fit":
-        """The same fit where the free parameters may also be off by `moves` (m,)."""
+        """The same fit where the free parameters may also be off by each of `moves` (m, k)."""
         return dataclasses.replace(self, _spread=self._spread.with_error(moves))
+
+    def moves_by_noise(self) -> np.ndarray:
+        """The moves (m, m) of the free parameters, each by one standard deviation, that the noise
+        makes: without what is left open by their priors' means."""
+        own, factor = self.jacobian[: self.whitened.size], self._spread.factor
+        strength, directions = np.linalg.eigh((own @ factor).T @ (own @ factor))
+        return factor @ directions * np.sqrt(np.maximum(strength, 0.0))
+
+    def with_misfit(self, moves: np.ndarray) -> "Fit":
+        """The same fit, its standard errors with moves (m, k) by what the model misses: its
+        residual speaks no more against them."""
+        return dataclasses.replace(self.with_error(moves), _narrower=self)
+
+    @property
+    def is_widened(self) -> bool:
+        """Whether what the model misses is in the standard errors."""
+        return self._narrower is not None
+
+    @property
+    def without_misfit(self) -> "Fit":
+        """The same fit, without what the model misses in its standard errors."""
+        return self if self._narrower is None else self._narrower
 
     def moved(self, moves: np.ndarray) -> "Fit":
         """The same fit with its free parameters moved by `moves` (m,): for what is derived from

@@ -25,6 +25,7 @@ from ._search import Objective, SearchEnd
 
 # Standard errors: as far from its minimum a search may stop, as the jumps are as large there.
 STOPPED_NEAR = 1.0
+SHORT = (Status.STALLED, Status.STEP_LIMIT)  # of a minimum
 FRACTIONS = (1.0, 0.5, 0.25)  # of the step to the differences' minimum, where the cost is tried
 
 
@@ -40,11 +41,11 @@ def with_differences(
     ends = jax.device_get(ends)
     by_steps = jax.device_get(_differenced(objective, ends, steps))
     found = summary(objective, by_steps)
-    if found.status is not Status.STALLED:
+    if found.status not in SHORT:
         return found
     own, distance = summary(objective, ends), "distance_to_minimum"
     falls = partial(_falls, summary, objective, by_steps, found)
-    if own.status is Status.STALLED or (own.converged and falls(summary.solver.near_enough)):
+    if own.status in SHORT or (own.converged and falls(summary.solver.near_enough)):
         is_far = max(own.stats[distance], found.stats[distance]) > STOPPED_NEAR
         return found if is_far or falls(STOPPED_NEAR) else found.stopped_near()
     if not own.converged:

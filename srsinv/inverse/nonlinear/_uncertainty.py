@@ -55,7 +55,7 @@ class Spread:
         return correlation
 
     def with_error(self, moves: np.ndarray) -> "Spread":
-        """The spread where the parameters may also be off by `moves` (m,)."""
+        """The spread where the parameters may also be off by each of `moves` (m, k)."""
         return replace(self, factor=np.column_stack([self.factor, moves]))
 
     def along(self, gradient: np.ndarray) -> np.ndarray:

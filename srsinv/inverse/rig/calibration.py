@@ -27,10 +27,10 @@ from ...forward.operator import PositionInterpolation
 from ...grid import as_real
 from ...resolution import cell_m
 from ...status import Status
-from ..diagnostics import Quality, quality, reasons
+from ..diagnostics import Quality, local_misfit, quality, reasons
 from ..features.contact import are_noticed, cells_may_show
 from ..features.identifiability import limited_by_bounds
-from ..features.misfit import misfit_warnings
+from ..features.misfit import excess_of
 from ..features.search import Blocks
 from ..noise.residual import ResidualNoise, residual_noise
 from ..noise.sliding import Levels, first_levels
@@ -357,5 +357,6 @@ def _fitted(
     result, levels = noise.settled(fitted, result, levels, y)
     against = noise.warnings(levels, y, result)
     place, depth = noise.motion.position_m, noise.depth_m
-    against = (*against, *misfit_warnings(result, y, place, depth))
+    if result.quality is not Quality.FAILED:  # else its residual says that no band holds
+        against = (*against, *local_misfit(excess_of(result, y, place, depth)))
     return Calibration(result, known, model, y, levels, against)

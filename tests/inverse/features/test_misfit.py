@@ -1,8 +1,10 @@
-"""Whether what a fit leaves lies where the feature is."""
+"""What a fit leaves: whether it lies where the feature is, and what it adds to the errors."""
 
 import numpy as np
 import pytest
 
+from experiments.robustness.faults import faults, faulty
+from experiments.robustness.scans import SCENES
 from srsinv import false_alarm
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.feature import HertzFeature, StripFeature
@@ -10,11 +12,14 @@ from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
+from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.misfit import local_excess
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.sliding import Levels, estimate
 from srsinv.inverse.problem import Problem
+from srsinv.recorded import problem_of, ready
+from tests.tiers import quick
 
 N, DEPTH_M = 600, 0.75e-3
 X = np.linspace(0.0, 0.02, N)
@@ -125,3 +130,18 @@ def test_a_stated_noise_hides_no_wrong_feature():
     assert right.quality == "good"
     assert wrong.chi2_per_freedom < 1.15
     assert wrong.quality == "doubtful"
+
+
+@pytest.mark.parametrize("fault", quick(["quantised", "depth_sagging"], "quantised"))
+def test_a_misfit_is_in_the_standard_errors(fault):
+    """By the noise alone a parameter is off by 3.5 to 4.5 standard errors."""
+    own = SCENES["strip, two elements"]
+    recording = ready(faulty(faults()[fault], own, 0).recording)
+    estimate = FeatureFit({"one": own.feature})(problem_of(recording))
+    assert estimate.quality is Quality.DOUBTFUL
+    for name, true in own.parameters.items():
+        value, stderr = estimate.parameters[name]
+        assert abs(value - true) < 3 * stderr < np.inf
+        parts = estimate.budget.parts[name]
+        assert parts["misfit"] > 0
+        assert stderr == pytest.approx(np.linalg.norm(list(parts.values())), rel=1e-6)

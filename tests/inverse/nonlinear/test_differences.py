@@ -65,6 +65,18 @@ def test_a_dent_within_a_step_is_no_answer():
     assert fit.status is Status.STALLED
 
 
+def test_steps_that_end_close_to_a_minimum_are_an_answer():
+    """The errors hold how far it is."""
+    y = LOPSIDED + WHITE
+    whole = fitted(y, NOISE, STEP)
+    few = Optimistix(rounding=1e-4, max_steps=2)
+    fit = srsinv.fit(hill, {"height": 1.0, "at": 0.3}, y, noise=NOISE, steps=STEP, solver=few)
+    assert fit.converged
+    off = abs(fit.value["at"] - whole.value["at"])
+    assert 0 < off < fit.stderr["at"]
+    assert fit.stderr["at"] > 1.02 * whole.stderr["at"]
+
+
 def test_too_few_steps_are_still_too_few():
     fit = fitted(LOPSIDED + WHITE, NOISE, STEP, Optimistix(rounding=1e-4, max_steps=1))
     assert fit.status is Status.STEP_LIMIT
