@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float
 
 from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, TractionEstimate
-from ..inverse.features.budget import CELLS
+from ..inverse.features.budget import CELLS, MISFIT, OTHER_MINIMUM
 from ..inverse.features.estimate import FeatureEstimate
 from ..inverse.line.problem import LineProblem
 from ..inverse.line.rig_bands import stderr_by_source
@@ -22,6 +22,8 @@ SAID = 0.1  # of a standard error: smaller parts are not named in the summary
 NAMED = {
     NOISE: "noise",
     CELLS: "width of the cells",
+    MISFIT: "misfit",
+    OTHER_MINIMUM: "another minimum",
     CALIBRATION: "calibration",
     "poisson_ratio": "Poisson's ratio",
     "youngs_modulus_Pa": "Young's modulus",
@@ -29,6 +31,8 @@ NAMED = {
 OTHER_REMEDIES = {
     NOISE: "more passes, or less noise",
     CELLS: "narrower cells",
+    MISFIT: "the cause of the misfit",
+    OTHER_MINIMUM: "widths of the films' strips that are measured",
     CALIBRATION: "a calibration at less noise",
 }
 _IN_PER_CENT = ("gain", "speed", *(name.removesuffix("_m") for name in RELATIVE_DEFAULTS))
@@ -170,7 +174,7 @@ def _remedy(best: FeatureEstimate, rig: SensorError | None, name: str) -> str:
         return ""
     parts: Mapping[str, float] = best.budget.parts[name]
     largest = max(parts, key=lambda source: parts[source])
-    if largest in (NOISE, CELLS, CALIBRATION):
+    if largest in OTHER_REMEDIES:
         return OTHER_REMEDIES[largest]
     reached = quantity(best.budget.reduced(name, largest, BETTER), unit_of(name))
     to = _tolerance_in_words(largest, rig, 1 / BETTER)

@@ -18,6 +18,7 @@ from srsinv.inverse.features.misfit import local_excess
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.sliding import Levels, estimate
 from srsinv.inverse.problem import Problem
+from srsinv.jobs._budget import budget_variables
 from srsinv.recorded import problem_of, ready
 from tests.tiers import quick
 
@@ -136,9 +137,11 @@ def test_a_stated_noise_hides_no_wrong_feature():
 def test_a_misfit_is_in_the_standard_errors(fault):
     """By the noise alone a parameter is off by 3.5 to 4.5 standard errors."""
     own = SCENES["strip, two elements"]
-    recording = ready(faulty(faults()[fault], own, 0).recording)
-    estimate = FeatureFit({"one": own.feature})(problem_of(recording))
+    problem = problem_of(ready(faulty(faults()[fault], own, 0).recording))
+    estimate = FeatureFit({"one": own.feature})(problem)
     assert estimate.quality is Quality.DOUBTFUL
+    (_, remedies, _) = budget_variables(estimate, problem.rig)["remedy"]
+    assert all(remedies)
     for name, true in own.parameters.items():
         value, stderr = estimate.parameters[name]
         assert abs(value - true) < 3 * stderr < np.inf
