@@ -137,16 +137,18 @@ class FitMisfit(NamedTuple):
         remedy: str = "",
     ) -> "FitMisfit":
         """That of a fit to the signals `y` at these positions. None where the fit is no answer, or
-        leaves more than `UNEXPLAINED`: no errors of its parameters hold then.
+        leaves more than `UNEXPLAINED` beyond the noise: no errors of its parameters hold then.
 
         `remedy`: see `widened_for_misfit`.
         """
-        rest, freedom = np.nansum(fit.residual**2), fit.stats["degrees_of_freedom"]
-        if not fit.status.is_answer or not rest < UNEXPLAINED * np.nansum(y**2):
-            return cls(1.0, ())
-        chi2, local = fit.known_chi2, excess_of(fit, y, position_m, depth_m)
+        chi2, freedom = fit.known_chi2, fit.stats["degrees_of_freedom"]
         is_over = chi2 is not None and is_excess(chi2, freedom, 0.0, fit.noise_level_stderr)
         overall = chi2 if chi2 is not None and is_over else 1.0
+        missed = (1 - 1 / overall) * np.nansum(fit.residual**2)
+        explained = np.nansum((y - fit.residual) ** 2)
+        if not fit.status.is_answer or missed > UNEXPLAINED * (missed + explained):
+            return cls(1.0, ())
+        local = excess_of(fit, y, position_m, depth_m)
         said = widened_for_misfit(overall, local, remedy)
         return cls(float(np.sqrt(max(overall, local))), tuple(said))
 
