@@ -41,6 +41,7 @@ def test_nothing_is_named_where_the_model_is_right():
     assert estimate.causes == ()
 
 
+@pytest.mark.full
 def test_facts_are_named_where_they_end_on_a_bound():
     """A strip of another family drives the facts of the rig as far as they go."""
     estimate = fitted("wrong_family")

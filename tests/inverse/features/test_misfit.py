@@ -20,7 +20,6 @@ from srsinv.inverse.noise.sliding import Levels, estimate
 from srsinv.inverse.problem import Problem
 from srsinv.jobs._budget import budget_variables
 from srsinv.recorded import problem_of, ready
-from tests.tiers import quick
 
 N, DEPTH_M = 600, 0.75e-3
 X = np.linspace(0.0, 0.02, N)
@@ -133,7 +132,8 @@ def test_a_stated_noise_hides_no_wrong_feature():
     assert wrong.quality == "doubtful"
 
 
-@pytest.mark.parametrize("fault", quick(["quantised", "depth_sagging"], "quantised"))
+@pytest.mark.full
+@pytest.mark.parametrize("fault", ["quantised", "depth_sagging"])
 def test_a_misfit_is_in_the_standard_errors(fault):
     """By the noise alone a parameter is off by 3.5 to 4.5 standard errors."""
     own = SCENES["strip, two elements"]
