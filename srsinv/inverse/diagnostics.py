@@ -119,6 +119,7 @@ WRONG_KIND = (
     "The feature is of another kind, or a fact of the sensor, the speed or the recording is not as "
     "stated."
 )
+ALL_OVER = 1.5  # of the mean power of a residual, up to which it is everywhere alike
 FEW_DOF = 0.01  # of which the number says no more
 LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
 LEAST_EXPLAINED = 0.5  # of a prior's variance: with less, the error is larger than the estimate
@@ -479,7 +480,7 @@ def widened_for_misfit(overall: float, local: float, remedy: str = "") -> Sequen
         f"Residuals where the feature is, averaged over half a depth, are {np.sqrt(local):.2g} "
         "times what noise makes"
     )
-    said = near if local > overall else over
+    said = near if local > ALL_OVER * overall else over
     return (
         f"{said}: the model does not fit, and what the noise adds to the standard errors is "
         f"widened by as much. {WRONG_KIND}{remedy}",

@@ -136,24 +136,25 @@ def test_a_nominal_pressure_has_no_place_beside_a_relative_one(counts):
 
 @pytest.mark.full
 def test_a_failed_fit_is_no_answer_on_any_channel(tmp_path, capsys):
-    """A noise stated a thousandth: chi-square per degree of freedom of some 1e6."""
+    """A search that may take one step."""
     run = tmp_path / "run"
-    noise = f"noise.white.rms={1e-3 * TRUTH['white_noise_rms_V']}"
-    assert command(run, "experiment=fit_recording", noise) == 0
+    assert command(run, "experiment=fit_recording", "solver.max_steps=1") == 0
     metrics = json.loads((run / "metrics.json").read_text())
-    assert metrics["chi2_per_freedom"] > 1e5
     assert metrics["quality"] == "failed"
-    assert metrics["warnings"].startswith("The residual is")
     assert [metrics[f"{name}_stderr"] for name in SHAPE] == [None] * 4
     terminal, page = capsys.readouterr().out, (run / "report.html").read_text()
     for channel in (terminal, page):
         assert "these numbers are no answer" in channel
-        assert metrics["warnings"] in channel
+        assert "step limit" in channel
     assert "failed" in page.partition("</h1>")[0]
 
 
 # Noise stated, as a share of the true one: what the fit is worth, and how its warnings begin.
-STATED = {0.97: ("good", "none"), 0.8: ("doubtful", "The residual is 1."), 0.2: ("failed", "The")}
+STATED = {
+    0.97: ("good", "none"),
+    0.8: ("doubtful", "The residual is 1."),
+    0.2: ("doubtful", "The residual is 5"),
+}
 
 
 @pytest.mark.full
