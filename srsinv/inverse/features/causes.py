@@ -321,28 +321,30 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[M
         "saturation", np.linspace(0, 1, GRID), True, lambda at: at / (1 + at), saturated
     )
 
+    def with_shapes(of: Misfit, shapes: Float[np.ndarray, "m sample"]) -> ChangedSignals:
+        return ChangedSignals(of.rows, of_each(np.broadcast_to(shapes, (elements, *shapes.shape))))
+
     def waves(of: Misfit, frequency_Hz: float) -> ChangedSignals:
         turn = 2 * np.pi * frequency_Hz * time_s
-        both = np.stack([np.cos(turn), np.sin(turn)])
-        return ChangedSignals(of.rows, of_each(np.broadcast_to(both, (elements, *both.shape))))
+        return with_shapes(of, np.stack([np.cos(turn), np.sin(turn)]))
 
     def smooth(of: Misfit, degree: float) -> ChangedSignals:
-        shapes = np.polynomial.legendre.legvander(np.linspace(-1, 1, time_s.size), int(degree)).T
-        return ChangedSignals(of.rows, of_each(np.broadcast_to(shapes, (elements, *shapes.shape))))
+        along = np.linspace(-1, 1, time_s.size)
+        return with_shapes(of, np.polynomial.legendre.legvander(along, int(degree)).T)
 
     for name, degree in TRENDS.items():
         yield MisfitCause(name, np.array([degree], float), False, float, smooth)
 
     def jumped(of: Misfit, at_s: float) -> ChangedSignals:
-        shapes = np.stack([np.ones(time_s.size), time_s - time_s[0] > at_s])
-        return ChangedSignals(of.rows, of_each(np.broadcast_to(shapes, (elements, *shapes.shape))))
+        return with_shapes(of, np.stack([np.ones(time_s.size), time_s - time_s[0] > at_s]))
 
-    after = _jumps(misfit)
+    rest = misfit.rest
+    after = _jumps(rest)
     if after.size:
         halfway_s = (time_s[after] + time_s[after + 1]) / 2 - time_s[0]
         yield MisfitCause("jump_s", halfway_s, False, float, jumped)
 
-    tried = _frequencies(misfit, interval_s)
+    tried = _frequencies(rest, interval_s)
     yield MisfitCause("hum_Hz", tried, False, float, waves)
     if loads is not None:
         places = np.arange(len(loads.at_m), dtype=float)
@@ -352,9 +354,8 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[M
         )  # fmt: skip
 
 
-def _jumps(misfit: Misfit) -> Int[np.ndarray, " jump"]:
+def _jumps(rest: Signal) -> Int[np.ndarray, " jump"]:
     """The samples after which the means over some spans differ most in what is left."""
-    rest = misfit.rest
     found, count = set(), rest.shape[1]
     sums = np.pad(np.cumsum(rest, axis=1), ((0, 0), (1, 0)))
     for span in SPANS:
@@ -366,9 +367,8 @@ def _jumps(misfit: Misfit) -> Int[np.ndarray, " jump"]:
     return np.array(sorted(found), int)
 
 
-def _frequencies(misfit: Misfit, interval_s: float) -> Float[np.ndarray, " f"]:
+def _frequencies(rest: Signal, interval_s: float) -> Float[np.ndarray, " f"]:
     """Frequencies about that of the strongest line in what is left, of a few waves at least."""
-    rest = misfit.rest
     n = FINER * rest.shape[1]
     power = np.sum(np.abs(np.fft.rfft(rest, n)) ** 2, axis=0)
     power[: FINER * LEAST_WAVES] = 0.0
