@@ -43,7 +43,9 @@ def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> 
     """
     settle_streams(are_own=argv is None)
     try:
-        return _run(list(sys.argv[1:] if argv is None else argv), config_root or find_config_root())
+        arguments = list(sys.argv[1:] if argv is None else argv)
+        with rare_collections(is_whole_process=argv is None):
+            return _run(arguments, config_root or find_config_root())
     except BadInput as refusal:
         return say(refusal)
     except Exception as error:
@@ -71,10 +73,9 @@ def _run(arguments: list[str], root: Path) -> int:
     check_memory()
     # Before numpy: its library's threads wait for each other longer than small matrices take.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with rare_collections():
-        from .command.launch import launch
+    from .command.launch import launch
 
-        return launch(arguments, root)
+    return launch(arguments, root)
 
 
 if __name__ == "__main__":

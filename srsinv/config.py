@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from . import parts
-from .errors import echo, mapping, number, refuse, whole
+from .errors import choice, echo, mapping, number, refuse, whole
 from .targets import make
 
 if TYPE_CHECKING:  # most import jax
@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # most import jax
 
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
+FIGURES = ("page", "all", "none")  # of those of a page, the ones that are drawn
 
 
 def check_early(cfg: Config) -> None:
@@ -46,6 +47,8 @@ def check_early(cfg: Config) -> None:
         seed(cfg)
     if "precision" in cfg:
         precision_name(cfg)
+    if "figures" in cfg:
+        choice("figures", cfg["figures"], FIGURES)
     if "tolerance" in cfg:
         tolerance(cfg)
     settings = cfg.get("recording")

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Array
-from scipy.interpolate import CubicSpline
 
 from srsinv.forward.knife_edge import KnifeEdge, VibratingEdge
 from srsinv.forward.line_scan import integrated_scan
@@ -103,5 +103,5 @@ def _fit(theory: np.ndarray, curve: np.ndarray) -> tuple[float, float]:
 def _sign_change(place: np.ndarray, curve: np.ndarray) -> float:
     """Where the curve changes its sign nearest to the film [m], of two alike the one at x > 0; NaN
     if nowhere."""
-    roots = CubicSpline(place, curve).roots(extrapolate=False)
+    roots = scipy.interpolate.CubicSpline(place, curve).roots(extrapolate=False)
     return min(map(float, roots), key=lambda x: (round(abs(x), 9), -x), default=float("nan"))

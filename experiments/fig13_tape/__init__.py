@@ -3,7 +3,7 @@
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from srsinv import config
 from srsinv.errors import BadInput, number, refuse
@@ -84,7 +84,7 @@ def _edges(
     signals = np.stack([*signals, problem.data])
     half = float(sim.scan.direction) * float(tape.width_m) / 2
     places = float(tape.position_m) + half * np.array([-1.0, 1.0])
-    along = CubicSpline(np.asarray(sim.line.x), signals, axis=-1)
+    along = scipy.interpolate.CubicSpline(np.asarray(sim.line.x), signals, axis=-1)
     near = along(places[:, None] + from_edge).swapaxes(1, 2)
     even, odd = (near + near[..., ::-1]) / 2, (near - near[..., ::-1]) / 2
     ratio = np.sqrt(np.sum(even**2, axis=(2, 3)) / np.sum(odd**2, axis=(2, 3)))

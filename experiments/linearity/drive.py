@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from srsinv.forward.indentation import Indentation, has_indentation
 from srsinv.forward.knife_edge import KnifeEdge
@@ -80,5 +80,7 @@ class Drive:
         after = outside[0]
         if after == 0:
             return level, distortion, float(amplitude[0])
-        crossing = brentq(excess, float(amplitude[after - 1]), float(amplitude[after]))
+        crossing = scipy.optimize.brentq(
+            excess, float(amplitude[after - 1]), float(amplitude[after])
+        )
         return level, distortion, cast(float, crossing)

@@ -44,11 +44,10 @@ def compilation_cache(wanted: bool, most_bytes: int = MOST_BYTES) -> Iterator[No
 
 
 def _usable_folder() -> Path | None:
-    """The folder of compiled programs; None where jax has one already, or, with the reason printed,
-    where there can be none."""
-    import jax
-
-    if jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
+    """The folder of compiled programs; None where nothing is compiled, where jax has one already,
+    or, with the reason printed, where there can be none."""
+    jax = sys.modules.get("jax")  # what compiles has imported it
+    if jax is None or jax.config.jax_compilation_cache_dir:  # pyright: ignore[reportAttributeAccessIssue]
         return None
     try:
         return _folder()

@@ -40,7 +40,7 @@ from .surroundings import (
     printing,
     settle_drawing,
     settle_streams,
-    start_jax,
+    started_with_jax,
     too_little_memory,
 )
 from .sweep_jobs import overrides_of
@@ -147,9 +147,8 @@ class LaunchedTask:
         known_by = identity(settings, self.config_dir)
         open_plugins(self.config_dir)
         check_early(settings)
-        start_jax()
+        job = started_with_jax(lambda: load_job(settings["job"], self.root))
         with compilation_cache(settings.get("compilation_cache", False)):
-            job = load_job(settings["job"], self.root)
             extra = sections(settings)
             result = job(only_read(settings, self.root)).with_sections(extra)
 
@@ -157,7 +156,7 @@ class LaunchedTask:
             from ..report.files import render
 
             command = self.command(HydraConfig.get().overrides.task)
-            files = render(result, _record(config), command)
+            files = render(result, _record(config), command, settings.get("figures", "page"))
         seed, plugins = settings.get("seed"), plugin_files(settings)
         return result, lambda held: held.replace(files, command, seed, plugins, known_by)
 

@@ -19,15 +19,17 @@ RARE = (50_000, 20, 50)
 
 
 @contextmanager
-def rare_collections() -> Iterator[None]:
+def rare_collections(is_whole_process: bool) -> Iterator[None]:
     """Search for garbage rarely inside: imports and tracing make many objects that live long, and
-    searching them as often as by default takes a tenth of a run."""
+    searching them as often as by default takes a tenth of a run. Of a whole process nothing is
+    left to do afterwards, and the search that the old rate would begin with is spared."""
     before = gc.get_threshold()
     gc.set_threshold(*RARE)
     try:
         yield
     finally:
-        gc.set_threshold(*before)
+        if not is_whole_process:
+            gc.set_threshold(*before)
 
 
 def release_programs(most_maps: int = MOST_MAPS) -> None:

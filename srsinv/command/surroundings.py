@@ -10,9 +10,9 @@ import io
 import logging
 import os
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import Any
+from typing import Any, TypeVar
 
 from ..errors import BadInput
 
@@ -34,6 +34,7 @@ _DEBUGGING = {
 _LEAST = {"ulimit -v": 2560, "ulimit -d": 1024}
 # What jax and Python's threads say where there is no memory.
 _OUT_OF_MEMORY = ("RESOURCE_EXHAUSTED", "can't start new thread")
+Loaded = TypeVar("Loaded")
 _REASON = 200  # characters of another program's error
 
 
@@ -142,6 +143,21 @@ def check_current_folder() -> None:
         raise BadInput(
             f"the current folder cannot be used ({error.strerror}); go to another with cd FOLDER"
         ) from error
+
+
+def started_with_jax(load: Callable[[], Loaded]) -> Loaded:
+    """What `load` gives, which may import jax; jax is started where it does. Raises as
+    [`start_jax`][] does."""
+    try:
+        loaded = load()
+    except BadInput:
+        raise
+    except Exception:
+        start_jax()  # by which it may have failed
+        raise
+    if "jax" in sys.modules:
+        start_jax()
+    return loaded
 
 
 def start_jax() -> None:

@@ -14,9 +14,8 @@ decays as exp(-kh), is the trapezoidal rule in ln k.
 from typing import Any
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
-from scipy.special import j0, j1
 
 from ..errors import refuse
 from .knife_edge import KnifeEdge, contact_modulus_Pa
@@ -63,14 +62,14 @@ class Indentation:
         half, h = self._half(load), self.height_m
         z = np.outer(half, self._k)
         near = (h * np.hypot(h, half) - h * h) / half**2 + np.arcsinh(h / half)
-        rest = (2 * j1(z) / z) @ self._weights
+        rest = (2 * scipy.special.j1(z) / z) @ self._weights
         return load * self._normal * (2 / (np.pi * self.modulus_Pa) * near + rest)
 
     def per_load(self, load_N_per_m: Float[np.ndarray, " load"]) -> np.ndarray:
         """d delta/dF [m^2/N] (load,) at each positive load [N/m]."""
         half = self._half(np.asarray(load_N_per_m, float))
         near = np.arcsinh(self.height_m / half)
-        rest = j0(np.outer(half, self._k)) @ self._weights
+        rest = scipy.special.j0(np.outer(half, self._k)) @ self._weights
         return self._normal * (2 / (np.pi * self.modulus_Pa) * near + rest)
 
     def load_N_per_m(self, indentation_m: Any, most_N_per_m: float) -> np.ndarray:
@@ -78,7 +77,7 @@ class Indentation:
         to `most_N_per_m` and four times as much."""
         table = 4 * most_N_per_m * np.geomspace(_LEAST_LOAD, 1, _POINTS)
         along = np.log(self.indentation_m(table))
-        spline = make_interp_spline(along, np.log(table), 5)
+        spline = scipy.interpolate.make_interp_spline(along, np.log(table), 5)
         wanted = np.asarray(indentation_m, float)
         refuse(
             bool(np.max(wanted) > np.exp(along[-1])),

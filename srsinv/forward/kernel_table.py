@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Bool, Complex, Float
-from scipy.special import erfc
 
 from ..grid import as_real
 from .operator import lagrange
@@ -77,8 +77,8 @@ class _Rule(NamedTuple):
 def _rules() -> tuple[_Rule, _Rule]:
     """Rules for the integral of the kernel over x/depth, and for the kernel times the depth."""
     angle = KAPPA[:, None] * np.sinh(STEP * np.arange(FURTHEST + 1))[None]
-    ended = erfc((LAST - angle) / FADE) / 2
-    left = KAPPA_STEP / np.pi * erfc((angle - LAST) / FADE) / 2
+    ended = scipy.special.erfc((LAST - angle) / FADE) / 2
+    left = KAPPA_STEP / np.pi * scipy.special.erfc((angle - LAST) / FADE) / 2
     cosine, sine = left * np.cos(angle), left * np.sin(angle)
     # cos - 1, as the integral begins at x = 0.
     cosine_over = -2 * left * np.sin(angle / 2) ** 2 - KAPPA_STEP / np.pi * ended

@@ -4,8 +4,8 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
 
 from ..errors import refuse
 from ..grid import Open
@@ -42,7 +42,7 @@ def integrated_scan(
     line = Open(count, cell, low - 6 * cell)
     traction = jnp.stack([LineLoad(each).cell_values(line) for each in load_N_per_m])
     signal = np.asarray(sensor.operator(line, scan)(traction))
-    curve = make_interp_spline(np.asarray(line.x), signal, 5, axis=-1)
+    curve = scipy.interpolate.make_interp_spline(np.asarray(line.x), signal, 5, axis=-1)
     if sensor.amplifier.order:
         curve = curve.antiderivative()
         return (curve(x) - curve(x[:1])) / float(scan.speed_m_per_s)

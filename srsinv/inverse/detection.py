@@ -21,14 +21,14 @@ def needed_known(false_alarm: float, detection: float) -> float:
     Noise alone passes the threshold with probability `false_alarm`, the signal with `detection`.
     """
     _check(false_alarm, detection)
-    return float(scipy.stats.norm.isf(false_alarm) + scipy.stats.norm.isf(1 - detection))
+    return float(scipy.special.ndtri(detection) - scipy.special.ndtri(false_alarm))
 
 
 def needed_wave(false_alarm: float, detection: float) -> float:
     """The d' that a sine wave of known pitch and unknown phase needs: its cosine and sine parts
     are estimated, and their squares are chi-square of two degrees of freedom."""
     _check(false_alarm, detection)
-    threshold = scipy.stats.chi2.isf(false_alarm, 2)
+    threshold = scipy.special.chdtri(2, false_alarm)
     noncentral = scipy.stats.ncx2
     root: Any = scipy.optimize.brentq(
         lambda d: noncentral.sf(threshold, 2, d**2) - detection, 1e-6, STRONGEST

@@ -11,8 +11,8 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import chdtrc, chdtri, ndtri
 
 from .. import false_alarm
 from ..status import Status
@@ -184,7 +184,7 @@ def pulled_by_prior(name: str, pull: float, resolved_dof: float) -> Sequence[str
     `MOST_PULL`, and it scatters as a chi-square of `resolved_dof`.
     """
     freedom = max(resolved_dof, LEAST_RESOLVED_DOF)
-    if not pull > max(1.0, MOST_PULL * chdtri(freedom, false_alarm.CHECK) / freedom):
+    if not pull > max(1.0, MOST_PULL * scipy.special.chdtri(freedom, false_alarm.CHECK) / freedom):
         return ()
     return (
         f"The prior pulls {name} by {np.sqrt(pull):.2g} times its standard error, so that its band "
@@ -197,7 +197,7 @@ def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) ->
     independent ones as are resolved."""
     below = np.where(stderr > 0, -p / np.where(stderr > 0, stderr, 1.0), 0.0)
     worst = int(np.argmax(below))
-    if not below[worst] > -ndtri(false_alarm.CHECK / max(resolved_dof, 1.0)):
+    if not below[worst] > -scipy.special.ndtri(false_alarm.CHECK / max(resolved_dof, 1.0)):
         return ()
     words = _pull_in_words(f"p falls to {1e-3 * p[worst]:.3g} kPa", below[worst])
     return (f"{words} Else the prior allows too little, so that the band is too narrow.",)
@@ -211,7 +211,7 @@ def beyond_modulus(
 
     Under such a pressure no skin is linear: strains are of order one.
     """
-    chance = -ndtri(false_alarm.CHECK / max(resolved_dof, 1.0))
+    chance = -scipy.special.ndtri(false_alarm.CHECK / max(resolved_dof, 1.0))
     peak = float(np.max(np.abs(p), initial=0.0, where=np.isfinite(p)))
     surely = np.abs(p) - chance * stderr
     if (
@@ -229,7 +229,7 @@ def beyond_modulus(
 
 def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
     """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
-    if not -value > -ndtri(false_alarm.CHECK) * stderr:
+    if not -value > -scipy.special.ndtri(false_alarm.CHECK) * stderr:
         return ()
     return (_pull_in_words(f"{name.replace('_', ' ')} has {value:.3g}", -value / stderr),)
 
@@ -275,7 +275,7 @@ def beyond_band(name: str, z: float, resolved_dof: float) -> Sequence[str]:
     there is no band. Under the model the square of z scatters as a chi-square of the
     `resolved_dof`, over these."""
     freedom = max(resolved_dof, 1.0)
-    if not z > max(MOST_Z, np.sqrt(chdtri(freedom, false_alarm.CHECK) / freedom)):
+    if not z > max(MOST_Z, np.sqrt(scipy.special.chdtri(freedom, false_alarm.CHECK) / freedom)):
         return ()
     return (
         f"The error of {name} is {z:.2g} times its standard error (rms, by the known truth): the "
@@ -320,7 +320,7 @@ def changing_in_runs(
     `of_prior`: the prior's [Pa^2]; `resolved_dof`: of its degrees of freedom, what would have been
     resolved in one run. With less than one, a run is bridged by what is beside it.
     """
-    chance = chdtri(max(lengths, 1.0), false_alarm.CHECK) / max(lengths, 1.0)
+    chance = scipy.special.chdtri(max(lengths, 1.0), false_alarm.CHECK) / max(lengths, 1.0)
     ratio = observed / of_prior if of_prior > 0 else 0.0
     if resolved_dof < LEAST_RESOLVED_DOF or not ratio > max(MOST_CHANGE, chance):
         return ()
@@ -413,7 +413,10 @@ def false_minimum(chi2_per_dof: float | None, degrees_of_freedom: float | int) -
     times, None where the noise is not known."""
     if chi2_per_dof is None or not degrees_of_freedom >= 1:
         return ()
-    if chdtrc(degrees_of_freedom, chi2_per_dof * degrees_of_freedom) >= false_alarm.CHECK:
+    if (
+        scipy.special.chdtrc(degrees_of_freedom, chi2_per_dof * degrees_of_freedom)
+        >= false_alarm.CHECK
+    ):
         return ()
     return (
         f"The residual is {np.sqrt(chi2_per_dof):.3g} times the noise, more than chance makes once "
@@ -425,7 +428,7 @@ def false_minimum(chi2_per_dof: float | None, degrees_of_freedom: float | int) -
 def slope_by_differences(times_noise: float) -> tuple[str, ...]:
     """Warning on a minimum in which differences of the model over steps still have a slope, so many
     times the rms of that which noise makes, and more than chance does along one direction."""
-    if not times_noise**2 > chdtri(1, false_alarm.CHECK):
+    if not times_noise**2 > scipy.special.chdtri(1, false_alarm.CHECK):
         return ()
     return (
         "At the fit's minimum, differences of the model over whole steps still have a slope, "

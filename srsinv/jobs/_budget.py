@@ -1,21 +1,33 @@
 """Uncertainty budgets in a result: their parts, in words, and what would reduce a fit's most."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from jaxtyping import Bool, Float
 
 from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, TractionEstimate
-from ..inverse.features.budget import CELLS, MISFIT, OTHER_MINIMUM
-from ..inverse.features.estimate import FeatureEstimate
 from ..inverse.line.problem import LineProblem
 from ..inverse.line.rig_bands import stderr_by_source
-from ..inverse.rig.error import CALIBRATION, NOISE, RigError, SensorError
+from ..inverse.rig.error import (
+    CALIBRATION,
+    CELLS,
+    MISFIT,
+    NOISE,
+    OTHER_MINIMUM,
+    RigError,
+    SensorError,
+)
 from ..inverse.rig.tolerance import RELATIVE_DEFAULTS
 from ..quantities import best_unit, quantity, significant, suffix
 from ..report.text import unit_of, without_unit
 from .estimates import Variables
+
+if TYPE_CHECKING:  # with all that fits features
+    from ..inverse.features.estimate import FeatureEstimate
 
 BETTER = 5.0  # by which a fact is measured better in what would help most
 SAID = 0.1  # of a standard error: smaller parts are not named in the summary

@@ -1,23 +1,27 @@
 """What was assumed, as attributes of a result's dataset: the page's last section words them."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..effects import NAMES
 from ..forward.sensor import Sensor
 from ..forward.simulation import Simulation
-from ..inverse.features.synthetic import SyntheticScan
 from ..inverse.gridding.cells import FEW, sample_spacing_m
 from ..inverse.line.problem import LineProblem
-from ..inverse.problem import Problem
 from ..inverse.rig.error import SensorError
 from ..quantities import quantity
 from ..recording import Recording
 from ..recording.drift import common_level
 from ..recording.even import STEADY
 from ..recording.preparation import Preparation
+
+if TYPE_CHECKING:  # with what only some jobs need
+    from ..inverse.features.synthetic import SyntheticScan
+    from ..inverse.problem import Problem
 
 Facts = dict[str, Any]
 

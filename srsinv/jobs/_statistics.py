@@ -5,7 +5,8 @@ from typing import Any
 import numpy as np
 import scipy
 from jaxtyping import Float
-from scipy.special import ndtri
+
+from ..numerics import BAND_90
 
 CONFIDENCE = 0.95  # confidence at which two methods differ
 
@@ -13,18 +14,22 @@ CONFIDENCE = 0.95  # confidence at which two methods differ
 def coverage(z: Float[np.ndarray, "*row draw"], level: float) -> Float[np.ndarray, "*row"]:
     """Fraction of the draws whose central interval of this level holds the truth, from their errors
     `z` over their own standard errors."""
-    return np.mean(np.abs(z) <= ndtri((1 + level) / 2), axis=-1)
+    return np.mean(np.abs(z) <= scipy.special.ndtri((1 + level) / 2), axis=-1)
 
 
 def wilson(count: int, total: int) -> tuple[float, float]:
     """Wilson's central 90 % interval of a proportion (1927)."""
-    interval = scipy.stats.binomtest(count, total).proportion_ci(0.9, "wilson")
-    return float(interval.low), float(interval.high)
+    z2 = BAND_90**2
+    middle = (count + z2 / 2) / (total + z2)
+    half = np.sqrt(z2 * (count * (total - count) / total + z2 / 4)) / (total + z2)
+    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
 
 
 def ranks(score: Float[np.ndarray, "method *draw"]) -> Float[np.ndarray, "method *draw"]:
     """1 for the least score of each draw, and so on; equal scores get the mean of their ranks."""
-    return np.asarray(scipy.stats.rankdata(score, axis=0))
+    less = np.sum(score[None] < score[:, None], axis=1)
+    equal = np.sum(score[None] == score[:, None], axis=1)
+    return np.where(np.isnan(score).any(axis=0), np.nan, less + (equal + 1) / 2)
 
 
 def differences(
@@ -40,7 +45,7 @@ def differences(
     first, second = (order[at] for at in np.triu_indices(len(order), 1))
     more, draws = score[second] - score[first], score.shape[1]
     spread = more.std(axis=1, ddof=1) if draws > 1 else np.full(len(more), np.nan)
-    reach = scipy.stats.t.ppf((1 + CONFIDENCE) / 2, max(draws - 1, 1)) * spread / np.sqrt(draws)
+    reach = scipy.special.stdtrit(max(draws - 1, 1), (1 + CONFIDENCE) / 2) * spread / np.sqrt(draws)
     return {
         "better": (by, np.array(names)[first], "1"),
         "worse": (by, np.array(names)[second], "1"),

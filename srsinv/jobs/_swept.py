@@ -15,7 +15,7 @@ from typing import Any
 
 from ..errors import BadInput, is_number, printable, refuse
 from ..files import open_file, read_json
-from ..recording.formats import UNITS_BY_PATTERN
+from ..recording.formats.result import UnitsByPattern
 from ..report.data import units_of_metrics
 from ..run_folder import FAILURES, MANIFEST, METRICS_FILE, MOST_OF_METRICS, described_runs
 
@@ -122,7 +122,7 @@ def metric_units(jobs: Iterable[SweptJob]) -> dict[str, str]:
         read += 1
         try:
             with open_file(job.folder / "result.nc", key=_KEY, below=job.folder) as file:
-                patterns = UNITS_BY_PATTERN.read(file).sidecar
+                patterns = UnitsByPattern().read(file).sidecar
         except (BadInput, EOFError, MemoryError):
             continue
         units |= units_of_metrics(patterns, unknown)

@@ -35,7 +35,8 @@ from ._cost_turns import measure_in_turns
 from .trials import Trial, TrialRows, TrialTiming
 
 # Of the configuration, what no row depends on; and what only its own trials do.
-_APART = {"job", "section", "hydra", "accuracy_cost", "experiment", "compilation_cache"}
+_APART = {"job", "section", "hydra", "accuracy_cost", "experiment", "compilation_cache",
+          "figures"}  # fmt: skip
 
 
 def run(cfg: config.Config) -> Result:

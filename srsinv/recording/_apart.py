@@ -18,7 +18,6 @@ import struct
 import subprocess
 import sys
 import threading
-from collections.abc import Iterable
 from contextlib import suppress
 from io import BufferedReader, BufferedWriter
 from pathlib import Path
@@ -42,8 +41,8 @@ _COPIES = 4  # of all values, that it may take beside these
 _MESSAGE = 2**16  # bytes that ask for a file, of which its name is at most 255
 _START = (
     "import json, sys; sys.path[:] = json.loads(sys.argv[1]); "
-    "from srsinv.recording import _apart, formats; "
-    "_apart.serve(int(sys.argv[2]), [*formats.SUFFIXES.values(), formats.UNITS_BY_PATTERN])"
+    "from srsinv.recording import _apart; "
+    "_apart.serve(int(sys.argv[2]))"
 )
 _ENDED = struct.Struct("=i")  # how a process ended, as `os.waitpid` has it
 _NO_FORK = -1
@@ -154,7 +153,8 @@ class _Server:
         if self._process is None or self._process.poll() is not None or self._owner != os.getpid():
             self._start()
         assert self._socket is not None
-        message = json.dumps([file.path.name, reader.__name__]).encode()
+        format_name = f"{reader.__module__.rpartition('.')[2]}.{reader.__name__}"
+        message = json.dumps([file.path.name, format_name]).encode()
         receiving, sending = os.pipe()
         try:
             socket.send_fds(self._socket, [message], [file.fileno(), sending])
@@ -204,17 +204,19 @@ _SERVER = _Server()
 atexit.register(_SERVER.stop)
 
 
-def serve(descriptor: int, readers_known: Iterable[Reader]) -> None:
-    """Read, each in a process of its own, the files that are asked for, until no process can
-    ask; `readers_known`: those that it may be asked to read by."""
-    readers = {type(each).__name__: each for each in readers_known}
+def serve(descriptor: int) -> None:
+    """Read, each in a process of its own, the files that are asked for by a format of the package,
+    until no process can ask."""
+    from .formats import reader_of  # whose modules import this one
+
     with socket.socket(fileno=descriptor) as asked:
         while True:
             message, descriptors, *_ = socket.recv_fds(asked, _MESSAGE, 2)
             if not message:
                 return
             source, sending = descriptors
-            name, reader = json.loads(message)
+            name, format_name = json.loads(message)
+            reader = reader_of(format_name)  # here, so that the next file finds it imported
             try:
                 process = os.fork()
             except OSError:
@@ -223,7 +225,7 @@ def serve(descriptor: int, readers_known: Iterable[Reader]) -> None:
                 code = 1
                 try:
                     asked.close()
-                    _read(name, readers[reader], source, sending)
+                    _read(name, reader, source, sending)
                     code = 0
                 finally:
                     os._exit(code)

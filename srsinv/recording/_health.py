@@ -119,7 +119,7 @@ def spectrum(
     # Scaled to one: squares of a signal in femtovolts would leave float64's range.
     size = float(np.max(np.abs(filled)))
     segment = min(segment, filled.size)
-    frequency, power = scipy.signal.welch(filled / size, rate_hz, nperseg=segment, detrend="linear")
+    frequency, power = _welch(filled / size, rate_hz, segment)
     averaged = (filled.size - segment) // max(segment // 2, 1) + 1
     upper = power[frequency > frequency[-1] / 2]
     floor = np.sqrt(np.median(upper) / _median_of_mean(averaged))
@@ -137,12 +137,29 @@ def _median_of_mean(averaged: int) -> float:
     return (1 - 1 / (9 * averaged)) ** 3
 
 
+def _welch(
+    values: Float[np.ndarray, " sample"], rate_hz: float, segment: int
+) -> tuple[Float[np.ndarray, " frequency"], Float[np.ndarray, " frequency"]]:
+    """Frequencies and the power density of segments that overlap by half, each less its straight
+    line and tapered by Hann's window (Welch 1967)."""
+    step = segment - segment // 2
+    rows = np.lib.stride_tricks.sliding_window_view(values, segment)[::step]
+    line = np.stack([np.ones(segment), np.linspace(-1, 1, segment)])
+    rows = rows - (rows @ np.linalg.pinv(line)) @ line
+    taper = 0.5 - 0.5 * np.cos(2 * np.pi * np.arange(segment) / segment)
+    power = np.mean(np.abs(np.fft.rfft(rows * taper)) ** 2, axis=0) / (rate_hz * np.sum(taper**2))
+    last = -1 if segment % 2 == 0 else None  # the highest frequency has no negative one
+    power[1:last] *= 2
+    return np.fft.rfftfreq(segment, 1 / rate_hz), power
+
+
 def _lines(
     frequency: Float[np.ndarray, " frequency"], power: Float[np.ndarray, " frequency"], size: float
 ) -> tuple[SpectralLine, ...]:
     surroundings = scipy.ndimage.median_filter(power, _AROUND, mode="nearest")
     over = power / np.where(surroundings > 0, surroundings, np.inf)
-    peaks = [p for p in scipy.signal.find_peaks(power)[0] if over[p] > _STANDS_OUT]
+    is_peak = (power[1:-1] > power[:-2]) & (power[1:-1] >= power[2:])
+    peaks = [p for p in 1 + np.flatnonzero(is_peak) if over[p] > _STANDS_OUT]
     strongest = sorted(peaks, key=lambda p: power[p], reverse=True)[:_LINES]
     spacing = frequency[0]
     return tuple(

@@ -29,7 +29,6 @@ from ._counters import unwrapped
 from ._doubts import disagreement
 from ._recording import POSITION, SPEED, TIME, Recording, check_range, check_samples, check_times
 from ._reports import between_reports, interpolated, is_reported
-from ._schema import RecordingFacts, check_facts
 from ._sidecar import Sidecars, check_elements, merge
 from ._speed import speed_of_positions
 from ._table import ColumnTable, listing
@@ -203,6 +202,8 @@ def facts_of(settings: Mapping[str, Any], reader: Reader = BY_SUFFIX) -> dict[st
     """All facts about a recording that the file itself, its sidecars, or `settings` of it (`path`,
     `sidecar` and facts) state. Raises `BadInput` as [`load`][] does for them."""
     path = path_of(settings["path"], "recording.path")
+    from ._schema import RecordingFacts
+
     known = {key: value for key, value in settings.items() if key in RecordingFacts.model_fields}
     with within_memory(path):
         table = take_table(path, reader)
@@ -221,6 +222,8 @@ def read_facts(
     if isinstance(sensor, Mapping) and isinstance(elements, Mapping):
         known = {**known, "sensor": {**sensor, "elements": list(elements.values())}}
     facts = merge(sidecar.facts(path, table.sidecar), known)
+    from ._schema import check_facts
+
     check_facts(path.name, facts)
     return facts
 

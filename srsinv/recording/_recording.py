@@ -10,10 +10,10 @@ import numpy as np
 from srsinv.errors import LARGEST, BadInput, refuse
 from srsinv.numerics import pairwise_cumsum
 
-from ._schema import check_facts
-
 MIN_SAMPLES = 3
 TIME, SPEED, POSITION = "time_s", "speed_m_per_s", "position_m"
+# Words in place of tolerances: all facts are exact; all have the tolerances of a rig made by hand.
+NO_TOLERANCE, HAND_MADE = TOLERANCE_WORDS = "none", "default"
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +63,8 @@ class Recording:
             object.__setattr__(self, key, values)
         object.__setattr__(self, "channels", tuple(self.channels))
         object.__setattr__(self, "sidecar", copy.deepcopy(dict(self.sidecar)))
+        from ._schema import check_facts  # pydantic, for what is read from files alone
+
         check_facts(self.name, self.sidecar)
         self._check_shapes()
         self._check_channels()

@@ -40,12 +40,11 @@ from ._fact_types import (
     Wiring,
     is_text,
 )
+from ._recording import TOLERANCE_WORDS
 from ._table import LONGEST_NAME
 
 # Keys that no command line has.
 _SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")
-# Words in place of tolerances: all facts are exact; all have the tolerances of a rig made by hand.
-NO_TOLERANCE, HAND_MADE = TOLERANCE_WORDS = "none", "default"
 
 
 class Facts(BaseModel):

@@ -8,7 +8,6 @@ import os
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 
 from srsinv.atomic import write_whole, writing
 from srsinv.errors import BadInput, refuse
@@ -110,6 +109,8 @@ def _save_netcdf(recording: Recording, path: Path, sidecar: str) -> None:
     for channel, signal in zip(recording.channels, recording.signal, strict=True):
         columns[channel] = ("sample", signal, {"units": recording.signal_unit})
     earlier = _check_netcdf(path, f"{sidecar}\n".encode())
+    import xarray as xr  # which takes a third of a second
+
     dataset = xr.Dataset(columns, attrs={"sidecar": sidecar})
     write_whole(path, bytes(dataset.to_netcdf(engine="h5netcdf")), earlier.__eq__)
 

@@ -19,7 +19,7 @@ import numpy as np
 import scipy
 from jaxtyping import Bool, Float
 
-from srsinv.numerics import runs
+from srsinv.numerics import blackman_harris, runs
 
 from .. import false_alarm
 from ._recording import Recording
@@ -113,7 +113,7 @@ def _level(row: Float[np.ndarray, " sample"], rate_hz: float, chance: float) -> 
 def _white_power(values: Float[np.ndarray, " sample"], rate_hz: float) -> float:
     """Variance of the white noise per sample: the median of the periodogram in the octave that has
     most, as a low-pass takes the highest ones."""
-    taper = scipy.signal.windows.blackmanharris(values.size)
+    taper = blackman_harris(values.size)
     power = np.abs(np.fft.rfft(values * taper)) ** 2 / np.sum(taper**2)
     frequency, half = np.fft.rfftfreq(values.size, 1 / rate_hz), rate_hz / 2
     lowest = min(BEYOND / SHORTEST_S, half / 2)
@@ -148,7 +148,7 @@ def _scales(
 
 def _second_difference(taper: int) -> Float[np.ndarray, " weight"]:
     """Weights of a second difference of tapered averages that overlap by half."""
-    average = scipy.signal.windows.blackmanharris(taper)
+    average = blackman_harris(taper)
     average, half = average / average.sum(), taper // 2
     weights = np.zeros(taper + 2 * half)
     for place, factor in enumerate((1.0, -2.0, 1.0)):
@@ -169,10 +169,11 @@ def _differences(
     values: Float[np.ndarray, " sample"], weights: Float[np.ndarray, " weight"], hop: int
 ) -> tuple[np.ndarray, Float[np.ndarray, " window"]]:
     """First samples of the windows, every `hop` samples, and the weighted sums over them."""
-    sums = scipy.signal.upfirdn(weights, values, 1, hop)
-    ends = np.arange(sums.size) * hop
-    whole = (ends >= weights.size - 1) & (ends < values.size)
-    return ends[whole] - weights.size + 1, sums[whole]
+    first = -(weights.size - 1) % hop  # so that windows end at multiples of the hop
+    if values.size < first + weights.size:
+        return np.zeros(0, int), np.zeros(0)
+    windows = np.lib.stride_tricks.sliding_window_view(values, weights.size)[first::hop]
+    return first + hop * np.arange(len(windows)), windows @ weights[::-1]
 
 
 def _robust(

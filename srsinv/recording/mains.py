@@ -13,6 +13,7 @@ import scipy
 from jaxtyping import Float
 
 from srsinv.errors import refuse
+from srsinv.numerics import blackman_harris
 
 from .. import false_alarm
 from .noise import filled
@@ -47,7 +48,7 @@ class _Spectrum:
     def __init__(self, signal: Float[np.ndarray, "e sample"], rate_hz: float):
         n = signal.shape[-1]
         # Its side lobes are at -92 dB: hum may be a thousand times the noise.
-        taper, slope = scipy.signal.windows.blackmanharris(n), np.linspace(-1, 1, n)
+        taper, slope = blackman_harris(n), np.linspace(-1, 1, n)
         rows = np.stack([filled(row) if np.isfinite(row).sum() > 3 else 0.0 * taper
                          for row in signal])  # fmt: skip
         rows = rows - rows.mean(axis=-1, keepdims=True)
@@ -76,7 +77,7 @@ class _Spectrum:
         # Of noise, each is exponential: their sum over elements is a gamma variate.
         relative = np.sum(self.power[is_noisy] / floor[is_noisy], axis=0)
         top = int(np.argmax(np.where(near, relative, -1.0)))
-        if not relative[top] > scipy.stats.gamma.isf(chance / near.sum(), is_noisy.sum()):
+        if not relative[top] > scipy.special.gammainccinv(is_noisy.sum(), chance / near.sum()):
             return None
         first, last = _around(around & (relative > ABOVE * is_noisy.sum()), top)
         weights, frequencies = relative[first : last + 1], self.frequency_Hz[first : last + 1]

@@ -48,7 +48,7 @@ def white_levels(
     bins = bins * np.isfinite(signal[is_there]).mean(axis=1)
     logs = np.log(own[is_there])
     off = logs - np.average(logs, weights=bins)
-    chance = scipy.stats.chi2.sf(np.sum(off**2 * bins) / MEDIAN_VARIANCE, is_there.sum() - 1)
+    chance = scipy.special.chdtrc(is_there.sum() - 1, np.sum(off**2 * bins) / MEDIAN_VARIANCE)
     if chance > false_alarm.NOISE_LEVELS or np.ptp(logs) < ALIKE:
         return np.array([common])
     return np.where(is_there, own, common or np.min(own[is_there]))

@@ -125,7 +125,7 @@ class _Channel:
         self.reach = 2 * high_pass.period + 1
         self.jumps = scipy.ndimage.maximum_filter1d(jumps, self.reach)
         freedom = MAD_FREEDOM * float(np.isfinite(values).sum())
-        self.most = float(scipy.stats.t.isf(alarm / 2, freedom))
+        self.most = float(-scipy.special.stdtrit(freedom, alarm / 2))
 
     def outliers(self) -> tuple[Bool[np.ndarray, " sample"], float]:
         """Which samples stand out, and how many times the noise the largest of them is."""

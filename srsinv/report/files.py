@@ -9,15 +9,17 @@ from .data import metrics_json
 from .result import Result
 
 
-def render(result: Result, record: Mapping[str, str], command: str = "srsinv") -> dict[str, bytes]:
+def render(
+    result: Result, record: Mapping[str, str], command: str = "srsinv", figures: str = "all"
+) -> dict[str, bytes]:
     """The files of a run's folder by their names in it: `metrics.json`, the dataset (`result.nc`),
     the page (`report.html`), `figures/*.png`, `.hydra/` and the result's own.
 
     Nothing is written: all is made in memory, where no full disk can cut it short. `record` maps
-    the names in `.hydra` to their text, `command` is the command on the page. Raises `ValueError`
-    for a variable without `units`.
+    the names in `.hydra` to their text, `command` is the command on the page, `figures` says which
+    are drawn (page.py). Raises `ValueError` for a variable without `units`.
     """
-    page = result.page
+    page = result.page_with(figures)
     texts: dict[str, str | bytes] = {
         **{f".hydra/{name}": text for name, text in record.items()},
         **result.files,

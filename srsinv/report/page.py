@@ -6,21 +6,21 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 import markupsafe
 import numpy as np
 import xarray
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from PIL import Image
 
 from .. import __version__
 from .data import metrics
 from .section import Section
 from .text import format_value, is_numeric
 from .words import Block, Drawing, Paragraph, Table, answers, blocks, no_answer, summary
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 _DPI = 140
 _COMPRESSION = 3  # zlib's: 6 takes a third longer for files that are 7 % smaller
@@ -29,25 +29,38 @@ _BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|dB\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|r
 
 
 class Page:
-    """A page of sections that are filled in from a dataset, those whose needs it meets."""
+    """A page of sections that are filled in from a dataset, those whose needs it meets.
 
-    def __init__(self, title: str, data: xarray.Dataset, sections: Sequence[Section]):
-        self._title, self._data, self._sections = title, data, sections
+    `drawn`: which figures are, "all", those of sections that are open when the page is ("page"), or
+    "none".
+    """
+
+    def __init__(
+        self, title: str, data: xarray.Dataset, sections: Sequence[Section], drawn: str = "all"
+    ):
+        self._title, self._data, self._sections, self._drawn = title, data, sections, drawn
         shown = (each for each in sections if each.heading and each.is_met(data))
         filled = [(each, blocks(each, data)) for each in shown]
-        self._filled = [(section, own) for section, own in filled if own]
+        filled = [(section, own) for section, own in filled if own]
+        has_open = any(not section.is_folded for section, _ in filled)
+        self._filled = [
+            (section.heading, section.is_folded and has_open, own) for section, own in filled
+        ]
 
     @property
-    def figures(self) -> dict[str, tuple[Figure, str]]:
-        """The figures with their captions, by name."""
-        every = (block for _, own in self._filled for block in own)
+    def figures(self) -> dict[str, tuple["Figure", str]]:
+        """The figures that are drawn, with their captions, by name."""
         return {
-            each.name: (each.figure, each.caption) for each in every if isinstance(each, Drawing)
+            each.name: (each.draw(), each.caption)
+            for _, is_folded, own in self._filled
+            if self._drawn == "all" or (self._drawn == "page" and not is_folded)
+            for each in own
+            if isinstance(each, Drawing)
         }
 
     @cached_property
     def images(self) -> dict[str, bytes]:
-        """The figures as PNG, by name."""
+        """The figures that are drawn as PNG, by name."""
         return {name: _png(figure) for name, (figure, _) in self.figures.items()}
 
     def html(self, command: str = "") -> str:
@@ -70,15 +83,18 @@ class Page:
             ],
             summary=list(_in_html(summary(self._sections, self._data), self.images)),
             sections=[
-                (section.heading, section.is_folded, list(_in_html(own, self.images)))
-                for section, own in self._filled
+                (heading, is_folded, list(_in_html(own, self.images)))
+                for heading, is_folded, own in self._filled
             ],
             metrics=_table(numbers),
         )
 
 
-def _png(figure: Figure) -> bytes:
+def _png(figure: "Figure") -> bytes:
     """The image of a figure, laid out once and drawn once; `savefig` draws it up to three times."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
     image, canvas = io.BytesIO(), FigureCanvasAgg(figure)
     before = figure.dpi
     figure.set_dpi(_DPI)
@@ -94,9 +110,13 @@ def _in_html(own: tuple[Block, ...], images: Mapping[str, bytes]) -> Iterator[di
         if isinstance(block, Paragraph):
             yield {"kind": "item" if block.is_item else "paragraph", "words": _inline(block.text)}
         elif isinstance(block, Drawing):
-            source = "data:image/png;base64," + base64.b64encode(images[block.name]).decode("ascii")
             caption = " ".join(block.caption.split())
-            yield {"kind": "figure", "source": source, "alt": caption, "caption": _inline(caption)}
+            said = {"alt": caption, "caption": _inline(caption)}
+            if block.name in images:
+                image = base64.b64encode(images[block.name]).decode("ascii")
+                yield {"kind": "figure", "source": f"data:image/png;base64,{image}", **said}
+            else:
+                yield {"kind": "undrawn", "python": block.python, **said}
         else:
             yield {"kind": "table", **_table(block)}
 

@@ -43,10 +43,15 @@ class Result:
 
     @property
     def page(self) -> "Page":
-        """Its page, with the figures drawn."""
-        from .page import Page  # draws: matplotlib is imported when there is something to draw
+        """Its page, with every figure drawn."""
+        return self.page_with("all")
 
-        return Page(self.title, self.dataset, self.sections)
+    def page_with(self, figures: str) -> "Page":
+        """Its page with "all" figures drawn, with those of sections that are open when the page is
+        ("page"), or with "none"."""
+        from .page import Page
+
+        return Page(self.title, self.dataset, self.sections, figures)
 
     def _repr_html_(self) -> str:
         return self.page.html()

@@ -4,11 +4,14 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import xarray
-from matplotlib.figure import Figure
 
-Plot = Callable[..., Figure]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Plot = Callable[..., "Figure"]
 PAGES = Path(__file__).parent / "pages"
 _END = ".md.j2"
 _NEED = re.compile(r"(\w+)(?:\(([\w, ]*)\))?")
@@ -22,7 +25,8 @@ class Section:
     - `words`: a template, see docs/extend.md: paragraphs with blank lines between them, and
       `{{ figure(...) }}` and `{{ table(...) }}` among them. In it `ds` is the dataset, `m` its
       metrics, `plot` is `srsinv.plot` and `own` this section.
-    - `is_folded`: whether the section is closed until a reader opens it.
+    - `is_folded`: whether the section is closed until a reader opens it; where a page has no other,
+      it is open.
     """
 
     heading: str = ""

@@ -1,20 +1,25 @@
-"""Templates of sections to blocks: paragraphs, tables, and figures drawn from the dataset."""
+"""Templates of sections to blocks: paragraphs, tables, and figures, drawn when they are asked
+for."""
 
+import functools
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
 
 import jinja2
 import numpy as np
 import xarray
-from matplotlib.figure import Figure
 
 from ..errors import BadInput
 from ..numerics import BAND_90
-from . import plot, text
+from . import text
 from .data import metrics
 from .section import Section
+
+if TYPE_CHECKING:  # which takes a third of a second
+    from matplotlib.figure import Figure
 
 _HELD = re.compile(r"\s*\x00(\d+)\x00\s*")
 _PARAGRAPHS = re.compile(r"\n\s*\n")
@@ -30,11 +35,13 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure: `name` of its file without the ending, and its caption, a sentence."""
+    """A figure: `name` of its file without the ending, its caption, a sentence, what draws it, and
+    the Python that does for a result's file, empty where that is not all it takes."""
 
     name: str
-    figure: Figure
     caption: str
+    draw: Callable[[], "Figure"]
+    python: str = ""
 
 
 @dataclass(frozen=True)
@@ -49,8 +56,8 @@ class Table:
 Block = Paragraph | Drawing | Table
 
 
-def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[Block, ...]:
-    """The section's template filled in; without `draws` it has no figures."""
+def blocks(section: Section, data: xarray.Dataset) -> tuple[Block, ...]:
+    """The section's template filled in."""
     held: list[Block] = []
 
     def hold(block: Block) -> str:
@@ -58,11 +65,11 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         return _Place(f"\n\n\x00{len(held) - 1}\x00\n\n")
 
     def figure(
-        stem: str, draw: Callable[..., Figure], caption: str, /, of: Any = None, **settings: Any
+        stem: str, draw: Callable[..., "Figure"], caption: str, /, of: Any = None, **settings: Any
     ) -> str:
-        if not draws:
-            return ""
-        return hold(Drawing(stem, draw(data if of is None else of, **settings), caption))
+        drawn = functools.partial(draw, data if of is None else of, **settings)
+        python = _python(draw, settings) if of is None else ""
+        return hold(Drawing(stem, caption, drawn, python))
 
     def table(columns: Mapping[str, Any], caption: str = "") -> str:
         cells = [np.ravel(each).tolist() for each in columns.values()]
@@ -77,12 +84,14 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
         return table({"what": list(known), "value": list(known.values())})
 
     data_names = {"ds": data, "m": metrics(data), "facts": _Facts(data.attrs), "own": section}
-    drawn = {"plot": plot, "figure": figure, "table": table, "rows": rows, "np": np}
+    # Of a user's own words, names that `plot` does not have are refused while they are filled in.
+    figures = _plot() if _is_plugin(section) else _Plots()
+    drawn = {"plot": figures, "figure": figure, "table": table, "rows": rows, "np": np}
     try:
         filled = _environment().from_string(section.words).render(**data_names, **drawn)
     except jinja2.TemplateError as error:
         kind = type(section)
-        if not kind.__module__.startswith("plugins."):
+        if not _is_plugin(section):
             raise
         raise BadInput(
             f"The words of {kind.__module__}.{kind.__qualname__} cannot be filled in "
@@ -94,7 +103,8 @@ def blocks(section: Section, data: xarray.Dataset, draws: bool = True) -> tuple[
 def summary(sections: Sequence[Section], data: xarray.Dataset) -> tuple[Block, ...]:
     """What stands above a page's contents and is printed: the sections without a heading."""
     first = [each for each in sections if not each.heading and each.is_met(data)]
-    return tuple(block for each in first for block in blocks(each, data, draws=False))
+    every = (block for each in first for block in blocks(each, data))
+    return tuple(block for block in every if not isinstance(block, Drawing))
 
 
 def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
@@ -117,6 +127,42 @@ def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
 def no_answer(quality: str) -> str:
     """What is said of an answer that failed, before the reasons."""
     return "these numbers are no answer. " if quality == "failed" else ""
+
+
+def _is_plugin(section: Section) -> bool:
+    return type(section).__module__.startswith("plugins.")
+
+
+class _Plots:
+    """`srsinv.plot` in a template: drawing begins when a figure is asked for."""
+
+    def __getattr__(self, name: str) -> "_Plot":
+        return _Plot(name)
+
+
+@dataclass(frozen=True)
+class _Plot:
+    """A function or class of `srsinv.plot`."""
+
+    name: str
+
+    def __call__(self, *values: Any, **settings: Any) -> Any:
+        return getattr(_plot(), self.name)(*values, **settings)
+
+
+def _plot() -> ModuleType:
+    from . import plot  # and matplotlib
+
+    return plot
+
+
+def _python(draw: Any, settings: Mapping[str, Any]) -> str:
+    """The Python that draws a figure from a result's file; empty where it is no single call."""
+    is_plain = all(isinstance(each, str | int | float | bool) for each in settings.values())
+    if not isinstance(draw, _Plot) or not is_plain:
+        return ""
+    given = "".join(f", {name}={each!r}" for name, each in settings.items())
+    return f'srsinv.plot.{draw.name}(xarray.open_dataset("result.nc"){given})'
 
 
 class _Place(str):

@@ -80,7 +80,7 @@ def words(result: Result) -> str:
 
 def _blocks(result: Result) -> list[Any]:
     shown = [each for each in result.sections if each.heading and each.is_met(result.dataset)]
-    own = (blocks(each, result.dataset, draws=False) for each in shown)
+    own = (blocks(each, result.dataset) for each in shown)
     return [*summary(result.sections, result.dataset), *(block for each in own for block in each)]
 
 

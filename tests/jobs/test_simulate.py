@@ -25,6 +25,7 @@ HEADINGS = [
     "Stress at the film",
     "Current",
     "Signal",
+    "Residual",
     "Spectra",
     "Averaging kernel",
     "What was assumed",
@@ -36,7 +37,7 @@ WEIGHTS = ("method.tikhonov.weight_p=1e-6", "method.tikhonov.weight_q=1e-6")
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs") / "default"
-    assert command(folder, *SMALL) == 0
+    assert command(folder, *SMALL, "figures=all") == 0
     return folder
 
 

@@ -1,5 +1,6 @@
 """Results as data: metrics are views of the dataset, sections show where their needs are met."""
 
+import html
 import json
 import re
 
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 import xarray
 
+import srsinv
 from srsinv.report.data import dataset, scalars
 from srsinv.report.files import render
 from srsinv.report.result import Result
@@ -136,8 +138,41 @@ def test_the_page_says_the_result_before_everything(result):
     assert sorted(order, key=page.index) == order
     assert "Lacking" not in page
     assert 'alt="The wave goes up and down."' in page
-    assert re.search(r"<details>\s*<summary><h2>Wave", page)  # folded
     assert "<code>code</code>" in page
+
+
+OPEN = WrittenSection("Open", words='{{ figure("open", plot.curves, "Of waves.", names="wave") }}')
+
+
+def drawn_on_page(result: Result, figures: str) -> tuple[set[str], int]:
+    """The figures among a run's files, and the number of images on its page."""
+    files = render(result, {}, figures=figures)
+    return (
+        {name for name in files if name.startswith("figures/")},
+        files["report.html"].decode().count("<img"),
+    )
+
+
+def test_figures_are_drawn_where_the_page_is_open(result):
+    both = result.with_sections((OPEN,))
+    assert drawn_on_page(both, "page") == ({"figures/open.png"}, 1)
+    assert drawn_on_page(both, "all") == ({"figures/open.png", "figures/wave.png"}, 2)
+    assert drawn_on_page(both, "none") == (set(), 0)
+    page = both.page_with("page").html()
+    assert re.search(r"<details>\s*<summary><h2>Wave", page)
+    assert "figures=all" in page
+    assert "The wave goes up and down." in page
+    # A page of folded sections alone is open.
+    assert drawn_on_page(result, "page") == ({"figures/wave.png"}, 1)
+
+
+def test_the_page_says_what_draws_a_figure_that_it_lacks(result, tmp_path, monkeypatch):
+    page = html.unescape(result.page_with("none").html())
+    (python,) = re.findall(r"<code>(srsinv\.plot\..*?)</code>", page)
+    monkeypatch.chdir(tmp_path)
+    DATA.to_netcdf("result.nc", engine="h5netcdf")
+    figure = eval(python, {"srsinv": srsinv, "xarray": xarray})
+    np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), 1e3 * DATA["wave"])
 
 
 def test_the_terminal_prints_the_same_headline(result, capsys):

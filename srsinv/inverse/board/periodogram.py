@@ -34,12 +34,12 @@ class Periodogram(NamedTuple):
     def false_alarm(self, power: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
         """Probability that noise alone reaches `power` (k,) at any wavenumber."""
         excess = (power / self.floor - self.shift) / (self.step * self.dof)
-        chance = scipy.stats.f.sf(excess, self.dof, self.dof * FLOOR_BINS)
+        chance = scipy.special.fdtrc(self.dof, self.dof * FLOOR_BINS, excess)
         return np.minimum(1.0, self.trials * chance)
 
     def level(self, false_alarm: float) -> Float[np.ndarray, " k"]:
         """The power (k,) that noise alone reaches anywhere with this probability."""
-        excess = scipy.stats.f.isf(false_alarm / self.trials, self.dof, self.dof * FLOOR_BINS)
+        excess = scipy.special.fdtri(self.dof, self.dof * FLOOR_BINS, 1 - false_alarm / self.trials)
         return self.floor * (self.shift + self.step * self.dof * excess)
 
 
@@ -84,7 +84,7 @@ def _scatter(amplitude, power, floor) -> tuple[float, float, float]:
     dof = 2 * two**3 / three**2
     step = np.sqrt(two / (2 * dof))
     shift = one - step * dof
-    median = shift + step * scipy.stats.chi2.median(dof)
+    median = shift + step * 2 * scipy.special.gammaincinv(dof / 2, 0.5)
     return float(shift / median), float(step / median), float(dof)
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from ..nonlinear import Fit
 from ..rig.error import CALIBRATION, NOISE, contradiction
 
-CELLS, OTHER_MINIMUM, MISFIT = "cells", "other_minimum", "misfit"
 STEP = 1e-3  # of a move, in differences of what is derived from the parameters
 
 Read = Mapping[str, tuple[float, float]]

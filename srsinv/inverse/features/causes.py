@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+import scipy
 from jaxtyping import Float, Int
-from scipy.optimize import minimize_scalar
 
 from ... import false_alarm
 from ...forward.filter import FirstOrder
@@ -191,7 +191,7 @@ class MisfitCause(NamedTuple):
         place = tried.index(least)
         around = self.numbers[[max(place - 1, 0), min(place + 1, len(tried) - 1)]]
         width = CLOSE * float(np.ptp(self.numbers))
-        end: Any = minimize_scalar(
+        end: Any = scipy.optimize.minimize_scalar(
             left, bounds=tuple(around.tolist()), method="bounded", options={"xatol": width}
         )
         return min(least, (float(end.fun), float(end.x)))

@@ -8,8 +8,8 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Float
-from scipy.special import softmax
 
 from ...errors import of_kind
 from ...grid import Line, as_real
@@ -270,4 +270,4 @@ def explains(end: Fit) -> bool:
 
 def probabilities(candidates: Sequence[FeatureEstimate]) -> np.ndarray:
     """Posterior probability of each candidate (c,), all equally probable a priori."""
-    return np.asarray(softmax([candidate.log_evidence for candidate in candidates]))
+    return np.asarray(scipy.special.softmax([candidate.log_evidence for candidate in candidates]))

@@ -27,9 +27,9 @@ from ..gridding.cells import Window
 from ..noise.residual import ResidualNoise
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
-from ..rig.error import SensorError, UncertainSetup
+from ..rig.error import CELLS, MISFIT, OTHER_MINIMUM, SensorError, UncertainSetup
 from ..rig.setup import OF_CONTACT, Setup
-from .budget import CELLS, MISFIT, OTHER_MINIMUM, budget_of, contradicted, names_of_facts
+from .budget import budget_of, contradicted, names_of_facts
 from .causes import Explained, FittedModel, explained
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains

@@ -13,8 +13,8 @@ the uncertainty of the noise's level added to its variance.
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import chdtrc
 
 from ... import false_alarm
 from ...numerics import orthonormal_basis
@@ -90,7 +90,7 @@ def _excess(
         return 1.0, 1.0
     ratio = float(np.einsum("eb,bc,ec->", blocks, local, blocks, optimize=True)) / mean
     freedom = 2 / (variance / mean**2 + 4 * level_stderr**2)
-    return ratio, float(chdtrc(freedom, freedom * ratio))
+    return ratio, float(scipy.special.chdtrc(freedom, freedom * ratio))
 
 
 def _sums(values: Float[np.ndarray, "row sample"], size: int) -> Float[np.ndarray, "row block"]:

@@ -9,8 +9,8 @@ feature anywhere in the recording.
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Bool, Float
-from scipy.special import chdtri
 
 from ... import false_alarm
 from ...errors import refuse
@@ -117,7 +117,7 @@ def _blocks(
     count = np.maximum(sums(observed.astype(float)), 1)
     level = np.asarray(problem.noise.white, float)[:, None]
     power = np.sum((total / level) ** 2 / count, axis=0)
-    above = float(chdtri(len(total), false_alarm.BLOCK / power.size))
+    above = float(scipy.special.chdtri(len(total), false_alarm.BLOCK / power.size))
     return sums(x) / size, power, power > above
 
 

@@ -7,7 +7,6 @@ fitted to the samples that lie in it.
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 from jaxtyping import Float
 
 from ... import resolution
@@ -23,6 +22,7 @@ LEAST_SAMPLES = 3
 MOST_UNSCANNED = 100  # cells for each that was scanned: the least scan has 85 within its margins
 FEW_CELLS = 1024  # beyond, a line is lengthened to what Fourier transforms are quick for,
 MOST_LONGER = 256  # by so many cells at most: equations for missing samples treat a run densely
+QUICK_PRIME = 11  # transforms have code of their own for factors up to it
 FEW = 0.25  # of the median information: a cell with less has twice the noise of the others
 
 
@@ -181,10 +181,7 @@ def line_over(
 
 def _quick_length(n: int) -> int:
     """The length from n on that Fourier transforms are quick for."""
-    quick = int(scipy.fft.next_fast_len(n))
-    if quick - n <= MOST_LONGER:
-        return quick
-    return min(range(n, n + MOST_LONGER), key=_largest_prime)
+    return min(range(n, n + MOST_LONGER), key=lambda each: max(_largest_prime(each), QUICK_PRIME))
 
 
 def _largest_prime(n: int) -> int:

@@ -44,7 +44,7 @@ def pressure_by_direction(
     freedom = max(sum(map(_resolved, both)) - _resolved(joint), 1.0)
     separate = sum(map(_squares, both))
     more = _squares(joint) - separate
-    if scipy.stats.chi2.sf(more, freedom) > false_alarm.DIRECTIONS:
+    if scipy.special.chdtrc(freedom, more) > false_alarm.DIRECTIONS:
         return ()
     line, position = both[0].line, np.asarray(problem.motion.position_m)
     x = np.asarray(line.x)
@@ -114,7 +114,7 @@ def _leaves_more_than_noise(estimate: Estimate) -> bool:
     """Whether chance leaves as much of the signals once in 1 / `false_alarm.DIRECTIONS`."""
     ratio, freedom = estimate.stats[CHI2], estimate.stats[FREEDOM]
     return ratio is not None and bool(
-        scipy.stats.chi2.sf(ratio * freedom, freedom) < false_alarm.DIRECTIONS
+        scipy.special.chdtrc(freedom, ratio * freedom) < false_alarm.DIRECTIONS
     )
 
 

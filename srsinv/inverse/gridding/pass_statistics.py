@@ -75,7 +75,7 @@ class PassGains(NamedTuple):
         seen = np.isfinite(self.variance)
         squares = np.sum(self.off[seen] ** 2 / self.variance[seen])
         count = self.freedom * int(np.sum(seen.any(axis=0)))
-        return bool(squares > scipy.stats.chi2.isf(false_alarm.PASSES, max(count, 1)))
+        return bool(squares > scipy.special.chdtri(max(count, 1), false_alarm.PASSES))
 
 
 class PassesOnCells:
@@ -206,7 +206,7 @@ class PassesOnCells:
         """Whether shifts are more than noise makes of none."""
         if not self.contrasts:
             return False
-        most = scipy.stats.chi2.isf(false_alarm.PASSES, self.contrasts)
+        most = scipy.special.chdtri(self.contrasts, false_alarm.PASSES)
         return bool(np.sum((shifts / stderr) ** 2) > most)
 
     def level_spread(self) -> Float[np.ndarray, " e"]:
@@ -220,7 +220,7 @@ class PassesOnCells:
             noise = noise + self.variance[:, 0] / total / len(self.every)
             squares = squares + level**2
         freedom = max(self.contrasts, 1)
-        is_found = squares / noise > scipy.stats.chi2.isf(false_alarm.PASSES, freedom)
+        is_found = squares / noise > scipy.special.chdtri(freedom, false_alarm.PASSES)
         spread = np.sqrt(np.maximum(squares / freedom - noise, 0.0))
         return np.where(is_found & (self.contrasts > 0), spread, 0.0)
 
@@ -264,7 +264,7 @@ class PassesOnCells:
         noise = np.sum(np.where(np.isfinite(variance), variance, 0.0), axis=0)
         covariance = (off.T @ off - np.diag(noise)) / max(freedom, 1)
         root = root_of(covariance)
-        wide = scipy.stats.t.ppf(scipy.stats.norm.cdf(BAND_90), max(freedom, 1)) / BAND_90
+        wide = scipy.special.stdtrit(max(freedom, 1), scipy.special.ndtr(BAND_90)) / BAND_90
         counts = np.array(
             [self._effective_count(direction) for direction in range(self.directions)]
         )

@@ -60,7 +60,7 @@ class AveragedPasses(NamedTuple):
 
     def _of_scatter(self, scatter: float) -> tuple[str, ...]:
         freedom = max(self.freedom, 1)
-        chance = scipy.stats.chi2.isf(false_alarm.PASSES, freedom) / freedom
+        chance = scipy.special.chdtri(freedom, false_alarm.PASSES) / freedom
         if not scatter > max(np.sqrt(chance), MUCH_SCATTER):
             return ()
         return (

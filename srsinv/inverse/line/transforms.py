@@ -7,9 +7,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
-import scipy
 
-LONG = 100_000  # values: two such rows side by side, which scipy would take, leave the cache
+LONG = 100_000  # values: two such rows, one after the other, leave the processor's cache
 
 Rows = np.ndarray | Sequence  # of arrays
 
@@ -19,18 +18,16 @@ def to_spectrum(values: np.ndarray, length: int | None = None) -> np.ndarray:
     n = length or values.shape[-1]
     if n >= LONG:
         dtype = np.result_type(values, np.complex64)
-        return _row_by_row(lambda row: scipy.fft.rfft(row, n), values, n // 2 + 1, dtype)
-    spectrum: Any = scipy.fft.rfft(values, length, axis=-1, workers=-1)
-    return spectrum
+        return _row_by_row(lambda row: np.fft.rfft(row, n), values, n // 2 + 1, dtype)
+    return np.fft.rfft(values, length)
 
 
 def from_spectrum(spectrum: np.ndarray, n: int) -> np.ndarray:
     """The n values of a half spectrum."""
     if n >= LONG:
         dtype = np.real(spectrum).dtype
-        return _row_by_row(lambda row: scipy.fft.irfft(row, n), spectrum, n, dtype)
-    values: Any = scipy.fft.irfft(spectrum, n, axis=-1, workers=-1)
-    return values
+        return _row_by_row(lambda row: np.fft.irfft(row, n), spectrum, n, dtype)
+    return np.fft.irfft(spectrum, n)
 
 
 def _row_by_row(

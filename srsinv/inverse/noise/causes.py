@@ -12,9 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from jaxtyping import Complex, Float
-from scipy.interpolate import BarycentricInterpolator
-from scipy.optimize import minimize_scalar
 
 from ... import false_alarm
 from ...forward.scan import ConstantSpeed
@@ -184,7 +183,7 @@ def _best(
     options = {"xatol": CLOSE * (high - low), "maxiter": TRIALS}
     for _ in range(ROUNDS):
         held = np.concatenate(of)
-        end: Any = minimize_scalar(
+        end: Any = scipy.optimize.minimize_scalar(
             lambda at, held=held: likelihood(at)(held)[0],
             bounds=cause.bounds, method="bounded", options=options,
         )  # fmt: skip
@@ -230,7 +229,9 @@ def _causes(
         low, high = bounds
         nodes = (low + high) / 2 + (high - low) / 2 * np.cos(np.pi * np.arange(NODES) / (NODES - 1))
         setups = [Setup(sensor).changed(name, value, by(at)) for at in nodes.tolist()]
-        gains = BarycentricInterpolator(nodes, np.stack([response(each) for each in setups]))
+        gains = scipy.interpolate.BarycentricInterpolator(
+            nodes, np.stack([response(each) for each in setups])
+        )
         return lambda at: with_gain(gains(at))
 
     def undone(share: float) -> CellSignals:

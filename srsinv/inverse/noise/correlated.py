@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Bool, Complex, Float
-from scipy.special import chdtri
 
 from ... import false_alarm
 from ...forward.noise import exponential_spectrum
@@ -238,4 +238,4 @@ def _is_beyond_chance(
     power = half_spectrum_weights(n)[1:] * np.abs(np.fft.rfft(whole)[1:]) ** 2
     covariance, sizes = np.einsum("k,kef->ef", power, spectra).real, rows @ shape
     square = sizes @ np.linalg.pinv(covariance, hermitian=True) @ sizes
-    return bool(square > chdtri(sizes.size, chance))
+    return bool(square > scipy.special.chdtri(sizes.size, chance))

@@ -18,8 +18,8 @@ import dataclasses
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Float
-from scipy.special import chdtri
 
 from ... import false_alarm
 from ...modules import with_fields
@@ -51,7 +51,7 @@ def with_learned_facts(problem: LineProblem, depth_m: float, has_walk: bool) -> 
     as_stated = Likelihood(bands, True, has_walk).greatest()[0]
     mean, left = np.zeros(len(sources)), np.eye(len(sources))
     mean[learned], left[np.ix_(learned, learned)] = of.facts, likelihood.posterior(of)
-    if as_stated - cost < chdtri(learned.sum(), false_alarm.NOISE_PART) / 2:
+    if as_stated - cost < scipy.special.chdtri(learned.sum(), false_alarm.NOISE_PART) / 2:
         return _with_errors(problem, mean, left)
     found = contradiction(mean, np.diag(left), sources)
     return with_fields(

@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 import scipy
 from jaxtyping import Bool, Float
-from scipy.linalg import get_lapack_funcs
 
 from ...numerics import orthonormal_basis
 from ..nonlinear import WhitePlusOU
 
 # Factors and solutions of symmetric, positive definite, tridiagonal matrices.
-_FACTOR, _SOLVE = get_lapack_funcs(("pttrf", "pttrs"), dtype=float)
 NOTICED = 0.03  # relative difference of a standard error, about its own accuracy
 LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as good as one
 LEAST_START = 0.03  # of the white noise: a search from zero would not leave it
@@ -218,11 +216,13 @@ class _Row:
             _at_both(2 * moving * known * (1 + known), len(self.values)),
             moving * precision.off_diagonal * (1 + 2 * known),
         )
-        diagonal, ratio, _ = _FACTOR(
+        diagonal, ratio, _ = scipy.linalg.lapack.dpttrf(
             white**2 * precision.middle + sliding**2, white**2 * precision.off_diagonal
         )
         n, columns = self.values.shape
-        both, _ = _SOLVE(diagonal, ratio, np.hstack([precision @ self.values, self.values]))
+        both, _ = scipy.linalg.lapack.dpttrs(
+            diagonal, ratio, np.hstack([precision @ self.values, self.values])
+        )
         solved, smoothed = both[:, :columns], both[:, columns:]
         middle, off_diagonal = _inverse(diagonal, ratio)
         white_share = 2 * (n - sliding**2 * np.sum(middle))

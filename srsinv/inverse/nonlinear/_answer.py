@@ -10,7 +10,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.special import chdtrc
+import scipy
 
 from ... import false_alarm
 from ...grid import as_real
@@ -373,7 +373,7 @@ class Summary:
         freedom = self.count - len(self.names)
         if not self.level_known or freedom < 1:
             return np.ones(cost.shape, bool)
-        return chdtrc(freedom, 2 * cost) >= false_alarm.CHECK
+        return scipy.special.chdtrc(freedom, 2 * cost) >= false_alarm.CHECK
 
     def _minimum(self, objective: Objective, ends: SearchEnd) -> _Minimum:
         z, solver = np.asarray(ends.z, float), self.solver

@@ -14,7 +14,6 @@ from ..diagnostics import false_minimum
 from ._answer import Fit, Summary
 from ._differences import with_differences
 from ._loss import Loss
-from ._many import ends_of_many
 from ._parameters import Tree, on_host, parameters
 from ._request import check_linear, checked_data, checked_solver, data_unit, filled, objective_of
 from ._saddle import escape_saddle
@@ -140,6 +139,8 @@ def fit_many(
     solver = checked_solver(solver, max_searches=max_searches, at_once=at_once)
     box = on_host(unknowns.lower), on_host(unknowns.upper)
     summary = Summary(objective, unknowns, level_known, solver)
+    from ._many import ends_of_many  # and optimistix
+
     ends = ends_of_many(
         objective, ys, (unknowns.lower, unknowns.upper), points, own, solver, max_searches,
         at_once, summary.is_noise,

@@ -10,12 +10,10 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix as optx
 from jaxtyping import Array, Bool, Float, Int
 
 from ...errors import number, of_kind, refuse, whole
 from ._lengths import lengths
-from ._levenberg_marquardt import BoundedLevenbergMarquardt
 from ._uncertainty import CONVERGED
 
 # Where the derivative jumps: the standard errors within which a minimum can be located.
@@ -157,6 +155,11 @@ class Optimistix(Solver):
         )
 
     def __call__(self, residual: Residual, z0, lower, upper) -> Minimum:
+        # With optimistix, a fifth of a second that inversions do not need.
+        import optimistix as optx
+
+        from ._levenberg_marquardt import BoundedLevenbergMarquardt
+
         rtol = relative(self.tolerance, z0.dtype)
         bends = self.rounding is None
         near = PART * ROUGH * (self.rounding or 0.0)

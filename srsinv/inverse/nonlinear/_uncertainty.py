@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import log_ndtr
+import scipy
 
 # A singular value of the Jacobian with columns of length one, relative to the largest, below which
 # its direction is rounding: it is not identifiable from the data.
@@ -183,5 +183,7 @@ def _log_mass(
     low, high = sorted([(lower - z) * root + slope / root, (upper - z) * root + slope / root])
     if low > 0:  # the same mass in the other tail, where its log is precise
         low, high = -high, -low
-    log_mass = log_ndtr(high) + np.log1p(-np.exp(log_ndtr(low) - log_ndtr(high)))
+    log_mass = scipy.special.log_ndtr(high) + np.log1p(
+        -np.exp(scipy.special.log_ndtr(low) - scipy.special.log_ndtr(high))
+    )
     return float(0.5 * np.log(whole / curvature) + slope**2 / (2 * curvature) + log_mass)

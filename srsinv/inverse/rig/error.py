@@ -22,8 +22,8 @@ from typing import Any
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
+import scipy
 from jaxtyping import Array, Float, Shaped
-from scipy.special import ndtri
 
 from ... import false_alarm
 from ...errors import refuse
@@ -41,6 +41,8 @@ _DEPTH = "depth_m"
 CALIBRATED, STATED, ASSUMED = "calibrated", "stated", "assumed"
 CALIBRATION = "calibration"  # the source of all errors that a calibration left
 NOISE = "noise"  # that of the signals' own errors
+# Those of a fit alone: the width of its cells, what it leaves, and a second minimum.
+CELLS, MISFIT, OTHER_MINIMUM = "cells", "misfit", "other_minimum"
 LEAST_TOLD = 1e-4  # of the variance of a fact, by the data: less is rounding
 # Steps of differences, in standard deviations. A whole one of the speed moves the ends of a long
 # scan beyond the line.
@@ -334,7 +336,7 @@ def contradiction(
     told = 1 - left
     is_told = told > LEAST_TOLD
     apart = np.where(is_told, np.abs(off) / np.sqrt(np.where(is_told, told, 1.0)), 0.0)
-    is_beyond = apart > -float(ndtri(false_alarm.CHECK / 2 / len(apart)))
+    is_beyond = apart > -float(scipy.special.ndtri(false_alarm.CHECK / 2 / len(apart)))
     if not is_beyond.any():
         return ()
     worst = int(np.argmax(np.where(is_beyond, np.abs(off), 0.0)))

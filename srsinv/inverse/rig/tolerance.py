@@ -14,7 +14,7 @@ import numpy as np
 from ...errors import refuse
 from ...forward.sensor import Sensor
 from ...forward.skin import HalfSpace
-from ...recording._schema import HAND_MADE, NO_TOLERANCE, TOLERANCE_WORDS
+from ...recording._recording import HAND_MADE, NO_TOLERANCE, TOLERANCE_WORDS
 from .error import ASSUMED, STATED, RigError
 from .setup import number_of_films
 

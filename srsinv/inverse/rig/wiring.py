@@ -20,8 +20,8 @@ from typing import NamedTuple
 import equinox as eqx
 import jax
 import numpy as np
+import scipy
 from jaxtyping import Bool, Complex, Float
-from scipy.special import logsumexp
 
 from ... import false_alarm
 from ...forward.film import Film
@@ -215,4 +215,4 @@ def _log_evidence(
         solved = np.linalg.solve(covariance, white.T[..., None])[..., 0]
         squares = np.sum(white.T.conj() * solved).real
         logs.append(-squares - np.sum(np.linalg.slogdet(covariance)[1]))
-    return float(logsumexp(logs))
+    return float(scipy.special.logsumexp(logs))

@@ -4,6 +4,7 @@ Nothing in a file is ever executed: no pickle, no object arrays, no MATLAB objec
 is loaded. Links to other files are not followed.
 """
 
+import importlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,33 +16,29 @@ from srsinv.errors import BadInput, refuse
 from ...files import DataFile, quoted
 from .._table import ColumnTable
 from ..reader import Reader
-from .flac import Flac
-from .hdf5 import Hdf5
-from .matlab import Matlab
-from .netcdf import NetCdf
-from .npz import Npz
-from .parquet import Parquet
-from .result import UnitsByPattern
-from .tdms import Tdms
-from .text import Text
-from .wav import Wav
 
-# The format that the suffix of a file's name, in small letters, stands for.
-SUFFIXES: Mapping[str, Reader] = {
-    ".csv": Text(),
-    ".txt": Text(),
-    ".tsv": Text(),
-    ".npz": Npz(),
-    ".h5": Hdf5(),
-    ".hdf5": Hdf5(),
-    ".nc": NetCdf(),
-    ".mat": Matlab(),
-    ".wav": Wav(),
-    ".flac": Flac(),
-    ".tdms": Tdms(),
-    ".parquet": Parquet(),
+# The format that the suffix of a file's name, in small letters, stands for: a module here and its
+# class. Imported when a file asks for it, as each has a library of its own.
+SUFFIXES: Mapping[str, str] = {
+    ".csv": "text.Text",
+    ".txt": "text.Text",
+    ".tsv": "text.Text",
+    ".npz": "npz.Npz",
+    ".h5": "hdf5.Hdf5",
+    ".hdf5": "hdf5.Hdf5",
+    ".nc": "netcdf.NetCdf",
+    ".mat": "matlab.Matlab",
+    ".wav": "wav.Wav",
+    ".flac": "flac.Flac",
+    ".tdms": "tdms.Tdms",
+    ".parquet": "parquet.Parquet",
 }
-UNITS_BY_PATTERN = UnitsByPattern()
+
+
+def reader_of(name: str) -> Reader:
+    """The format of this name, "module.Class"."""
+    module, _, kind = name.partition(".")
+    return getattr(importlib.import_module(f".{module}", __name__), kind)()
 
 
 @dataclass(frozen=True)
@@ -58,7 +55,7 @@ class BySuffix(Reader):
     def read(self, file: DataFile) -> Mapping[str, ArrayLike] | ColumnTable:
         suffix = file.path.suffix.lower()
         try:
-            return SUFFIXES[suffix].read(file)
+            return reader_of(SUFFIXES[suffix]).read(file)
         except (BadInput, MemoryError):
             raise
         except UnicodeDecodeError as error:

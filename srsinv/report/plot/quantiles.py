@@ -21,8 +21,8 @@ def quantiles(dataset: xarray.Dataset, name: str, panels_of: str, draws: str = "
     array = dataset[name].transpose(panels_of, draws)
     n = array.shape[1]
     order = np.arange(1, n + 1)
-    at = scipy.stats.norm.ppf((order - 0.5) / n)
-    low, high = (scipy.stats.norm.ppf(scipy.stats.beta.ppf(end, order, n + 1 - order))
+    at = scipy.special.ndtri((order - 0.5) / n)
+    low, high = (scipy.special.ndtri(scipy.special.betaincinv(order, n + 1 - order, end))
                  for end in _CENTRAL)  # fmt: skip
     reach = 1.1 * max(float(np.nanmax(np.abs(array))), float(high[-1]))
     across = PanelAxis("quantile", limits=(-1.1 * float(at[-1]), 1.1 * float(at[-1])))
