@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
+from .compiled import compiled
 from .errors import number, refuse
 from .numerics import fast_length
 
@@ -84,7 +85,7 @@ class Convolution(Operator):
     def adjoint(self, signal: Float[Array | np.ndarray, "e n"]) -> Float[Array, "c n"]:
         return _correlated(self.transfer, signal, self.n, self.length)
 
-    @eqx.filter_jit
+    @compiled
     def symbol(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
         """The kernel's Fourier sum at any k [rad/m], |k| cell <= pi; as many terms as the kernel
         has samples for each k. On a periodic line `transfer` at its own wavenumbers."""
@@ -98,7 +99,7 @@ class Convolution(Operator):
         """The circular convolution nearest to this one: itself, or its n most central lags."""
         return self if self.is_circular else self._wrapped()
 
-    @eqx.filter_jit
+    @compiled
     def _wrapped(self) -> "Convolution":
         kernel = jnp.fft.irfft(self.transfer, self.length)
         ahead = self.n // 2 + 1
@@ -208,7 +209,7 @@ class Periodic(Line):
     def __init__(self, n: int, cell_m, start_m=0.0):
         self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
 
-    @eqx.filter_jit
+    @compiled
     def operator(self, stage: Stage) -> Convolution:
         k = self.k
         transfer = stage.transfer(k) / sinc(k * self.cell_m / 2)[None, None]
@@ -238,7 +239,7 @@ class Open(Line):
     def __init__(self, n: int, cell_m, start_m=0.0):
         self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
 
-    @eqx.filter_jit
+    @compiled
     def operator(self, stage: Stage) -> Convolution:
         length = fast_length(2 * self.n)
         lag = np.arange(length)
@@ -256,7 +257,7 @@ class Open(Line):
 LINES = {"periodic": Periodic, "open": Open}  # by the name of what is beyond the ends
 
 
-@eqx.filter_jit
+@compiled
 def wavenumbers(n: int, spacing_m) -> Float[Array, " k"]:
     """Wavenumbers [rad/m] of the half spectrum of n samples `spacing_m` apart."""
     return 2 * jnp.pi * jnp.arange(n // 2 + 1) / (n * as_real(spacing_m))

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from srsinv.compiled import compiled
 from srsinv.errors import BadInput, number, refuse, whole
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.oblique import TurnedSkin, turned_film
@@ -121,7 +122,7 @@ class Circling(eqx.Module):
                 )
         self.sensor, self.circle = sensor, circle
 
-    @eqx.filter_jit
+    @compiled
     def __call__(self, ridge: ObliqueRidge) -> Float[Array, "e sample"]:
         """The signal."""
         by_load, by_shear = self.unit(ridge.angle_rad, ridge.distance_m, ridge.width_m)

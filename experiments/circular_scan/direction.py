@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from srsinv.compiled import compiled
 from srsinv.errors import number, refuse
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import as_real
@@ -54,7 +55,7 @@ class RidgeModel(eqx.Module):
         """Names of the parameters that enter linearly."""
         return LINEAR
 
-    @eqx.filter_jit
+    @compiled
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         place = jnp.deg2rad(params["angle_deg"]), params["distance_m"], params["width_m"]
         by_load, by_shear = self.circling.unit(*place, nodes=FIT_NODES)
@@ -175,7 +176,7 @@ def _trial_lines(radius_m: float, step_m: float) -> Float[np.ndarray, "start 2"]
     return np.stack(np.meshgrid(angles, distances, indexing="ij"), axis=-1).reshape(-1, 2)
 
 
-@eqx.filter_jit
+@compiled
 def _signals(circling: Circling, angles, distances, width) -> Float[Array, "start 2 e sample"]:
     def at(place):
         angle, distance = place
@@ -184,7 +185,7 @@ def _signals(circling: Circling, angles, distances, width) -> Float[Array, "star
     return jax.lax.map(at, (angles, distances), batch_size=64)
 
 
-@eqx.filter_jit
+@compiled
 def angle_bounds_deg(
     circling: Circling, ridge: ObliqueRidge, angles_rad: Float[Array, " angle"], snr_dB: float
 ) -> Float[Array, " angle"]:

@@ -7,11 +7,11 @@ the skin over the gap. The compliance falls as 1/|k|: errors of long waves grow 
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from srsinv.compiled import compiled
 from srsinv.errors import BadInput
 from srsinv.forward.contact import cell_compliance
 from srsinv.forward.skin import Skin
@@ -20,7 +20,7 @@ from srsinv.inverse.estimate import Estimate
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
 
 
-@eqx.filter_jit
+@compiled
 def shape_under(
     line: Line, skin: Skin, pressure_Pa: Float[Array, "*rows n"]
 ) -> Float[Array, "*rows n"]:
@@ -55,7 +55,7 @@ def shape_band(
     return w, jnp.sqrt(stderr**2 + jnp.sum(jnp.asarray(moved) ** 2, axis=0))
 
 
-@eqx.filter_jit
+@compiled
 def _band(line: Line, skin: Skin, pressure, covariance, touching):
     weights = touching / jnp.maximum(jnp.sum(touching), 1)
     w = shape_under(line, skin, pressure)

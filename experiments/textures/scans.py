@@ -8,12 +8,12 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float, Int
 
+from srsinv.compiled import compiled
 from srsinv.errors import BadInput, number, refuse
 from srsinv.forward.contact import press
 from srsinv.forward.noise import Noise, total_spectrum
@@ -103,7 +103,7 @@ class TextureSensor:
             for surface, row in zip(surfaces.values(), seeds, strict=True)
         ]
 
-        @eqx.filter_jit
+        @compiled
         def signal_and_contact(height, nominal):
             p = press(self.fine, self.skin, height, nominal).pressure_Pa
             signal = self._operator(jnp.stack([p, self.mu * p]))[0, :: self.refinement]

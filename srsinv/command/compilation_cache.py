@@ -65,6 +65,8 @@ def _caching(folder: Path, most_bytes: int) -> Iterator[None]:
     import jax
     from jax.experimental.compilation_cache import compilation_cache as cache
 
+    from ..compiled import stored
+
     settings = {
         "jax_compilation_cache_dir": str(folder),
         "jax_persistent_cache_min_compile_time_secs": 0.0,
@@ -75,7 +77,7 @@ def _caching(folder: Path, most_bytes: int) -> Iterator[None]:
     troubles: list[str] = []
     _configure(jax, settings)
     try:
-        with _collected(troubles):
+        with _collected(troubles), stored(folder):
             yield
     finally:
         _configure(jax, before)
@@ -170,7 +172,8 @@ def _remove_unreadable(folder: Path) -> None:
 
 def _shrink(folder: Path, most_bytes: int) -> None:
     """Remove the least recently used entries where there are more than `most_bytes` of them."""
-    entries = [(path, path.stat()) for path in folder.rglob("*-cache")]
+    every = (path for ending in ("cache", "program") for path in folder.rglob(f"*-{ending}"))
+    entries = [(path, path.stat()) for path in every]
     size = sum(status.st_size for _, status in entries)
     if size <= most_bytes:
         return

@@ -9,11 +9,11 @@ import math
 from dataclasses import dataclass
 from functools import cached_property
 
-import equinox as eqx
 import jax
 import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
+from ..compiled import compiled
 from ..forward.scan import Motion
 from ..forward.scenario import Scenario
 from ..forward.scene import SurfaceScene, deviation
@@ -256,7 +256,7 @@ def _pressure(scene: SurfaceScene, line: Line, k) -> Float[np.ndarray, " n"]:
     return pressure_under(height, float(scene.nominal_pressure_Pa), np.append(0.0, at_centres))
 
 
-@eqx.filter_jit
+@compiled
 def _background_and_gain(scenario: Scenario):
     scene, scan = scenario.scene, scenario.scan
     assert scene is not None

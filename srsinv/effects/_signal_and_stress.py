@@ -4,12 +4,12 @@ On the periodic line in numpy, of the skin's and the films' factors: which effec
 with every scene and every round, and a program for each would take longer to compile.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
+from ..compiled import compiled
 from ..forward.film import LineEffect
 from ..forward.sensor import FilmSignal, FilmStress
 from ..forward.simulation import Simulation
@@ -48,7 +48,7 @@ def signal_and_stress(
     return np.fft.irfft(signal, line.n)[..., at], np.fft.irfft(stress, line.n)[..., at]
 
 
-@eqx.filter_jit
+@compiled
 def _factor(effect: LineEffect, k: Float[Array, " k"]) -> Inexact[Array, " k"]:
     return effect.transfer(k)
 

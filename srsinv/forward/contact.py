@@ -18,6 +18,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float, Inexact
 
+from ..compiled import compiled
 from ..errors import number, refuse
 from ..grid import Line, as_real, sinc
 from ..status import Status
@@ -139,7 +140,7 @@ def _solved(height_m, nominal, compliance):
     return nominal + deviation, gap, residual, iterations
 
 
-@eqx.filter_jit
+@compiled
 def cell_compliance(line: Line, skin: Skin) -> Inexact[Array, " k"]:
     """Displacement at the cell centres under cell averages of pressure [m/Pa], at line.k.
 

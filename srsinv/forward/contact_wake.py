@@ -23,12 +23,12 @@ windows under a ridge that lifts a third of the skin). There the window is not e
 
 from dataclasses import replace
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float
 
+from ..compiled import compiled
 from ..errors import refuse
 from ..grid import Line, Periodic
 from .contact import Contact, WakeFriction, cell_compliance, is_lagging, press
@@ -91,7 +91,7 @@ def _press_among(line: Line, skin: Skin, height_m, nominal_pressure_Pa, windows:
     return replace(contact, pressure_Pa=pressure, gap_m=gap, wake=wake)
 
 
-@eqx.filter_jit
+@compiled
 def wake_friction(
     line: Line, skin: Skin, pressure_Pa: Float[Array, " n"], windows: tuple[int, ...] = (1,)
 ) -> WakeFriction:

@@ -4,6 +4,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ..compiled import compiled
 from ..errors import number
 from ..grid import as_real
 
@@ -40,7 +41,7 @@ class SinusoidalLoad(eqx.Module):
         turn = 2 * jnp.pi / self.period_s
         return self.fraction * turn * jnp.cos(self._angle(time_s))
 
-    @eqx.filter_jit
+    @compiled
     def __call__(
         self,
         time_s: Float[Array, " sample"],

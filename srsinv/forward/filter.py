@@ -17,6 +17,7 @@ from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 from numpy.polynomial.legendre import leggauss, legvander
 
+from ..compiled import compiled
 from ..errors import number, refuse, whole
 from ..grid import Scalar, as_real, spread_over
 from ..numerics import fast_length
@@ -66,7 +67,7 @@ class Filter(eqx.Module):
         depths = max(1.001 * (abs(speed) * scale / depth), _FEWEST_DEPTHS)
         return Lag(self, speed_m_per_s, depth_m, float(2 ** np.ceil(np.log2(depths))))
 
-    @eqx.filter_jit
+    @compiled
     def in_time(
         self, signal: Float[Array, "e sample"], interval_s: Float[Array, ""]
     ) -> Float[Array, "e sample"]:
@@ -87,7 +88,7 @@ class Filter(eqx.Module):
         added = jnp.sum(jnp.real(first[:, None] * decay), axis=0)
         return signal + jnp.pad(_causal(added, jnp.diff(signal)), ((0, 0), (1, 0)))
 
-    @eqx.filter_jit
+    @compiled
     def in_time_adjoint(
         self, y: Float[Array, "e sample"], interval_s: Float[Array, ""]
     ) -> Float[Array, "e sample"]:

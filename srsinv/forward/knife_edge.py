@@ -19,6 +19,7 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.polynomial.chebyshev import chebval, chebvander
 
+from ..compiled import compiled
 from ..errors import number, refuse
 from ..grid import Stage, as_real
 from .sensor import Sensor
@@ -173,7 +174,7 @@ def line_response(sensor: Sensor, x_m: Any) -> Float[np.ndarray, "e c x"]:
     return np.asarray(_per_load(sensor.charge(), as_real(np.asarray(x_m)), cell))
 
 
-@eqx.filter_jit
+@compiled
 def _per_load(stage: Stage, x: Float[Array, " x"], cell_m: Float[Array, ""]) -> Array:
     return stage.cell_response(x, cell_m) / cell_m
 

@@ -10,6 +10,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Complex, Float
 
+from ..compiled import compiled
 from ..errors import BadInput, echo, mapping, number, refuse
 from ..grid import as_real
 from ..quantities import quantity
@@ -144,7 +145,7 @@ class Layered(Skin):
     def _endless(self) -> bool:
         return self.layers[-1].thickness_m is None
 
-    @eqx.filter_jit
+    @compiled
     def _transfer(self, k, depth_m) -> Array:
         stack = LayerStack(self.layers, depth_m)
         moved, down = stack.at_the_film(_never_zero(k))
@@ -162,7 +163,7 @@ class Layered(Skin):
         real = jnp.stack([from_p, from_q], axis=1)
         return jnp.where(EVEN[..., None], real + 0j, 1j * jnp.sign(k)[None, None] * real)
 
-    @eqx.filter_jit
+    @compiled
     def _displacement(self, k) -> Array:
         wavenumber, stack = _never_zero(k), LayerStack(self.layers, as_real(0.0))
         surface = stack.surface(wavenumber)
@@ -174,13 +175,13 @@ class Layered(Skin):
     def antiplane(self) -> "AntiplaneLayers":
         return AntiplaneLayers(self.layers)
 
-    @eqx.filter_jit
+    @compiled
     def _strip(self, x, depth_m, width_m) -> Array:
         own, half, transfer = self._added(depth_m)
         step = ends(integral_over_x(transfer, EVEN), x, depth_m, width_m)
         return own * half.strip_response(x, depth_m, width_m) + step
 
-    @eqx.filter_jit
+    @compiled
     def _slope(self, x, depth_m, width_m) -> Array:
         own, half, transfer = self._added(depth_m)
         step = ends(kernel(transfer, EVEN), x, depth_m, width_m)
@@ -204,14 +205,14 @@ class AntiplaneLayers(Antiplane):
 
     layers: tuple[Layer, ...]
 
-    @eqx.filter_jit
+    @compiled
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "2 k"]:
         stack = LayerStack(self.layers, depth_m)
         film, down = stack.antiplane(_never_zero(k))
         along = film * down / stack.film_of(stack.softness)
         return jnp.stack([-1j * jnp.sign(k) * along, -down + 0j])
 
-    @eqx.filter_jit
+    @compiled
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "2 x"]:
@@ -219,7 +220,7 @@ class AntiplaneLayers(Antiplane):
         step = ends(integral_over_x(transfer, ACROSS), x, depth_m, width_m)
         return own * AntiplaneHalfSpace().strip_response(x, depth_m, width_m) + step
 
-    @eqx.filter_jit
+    @compiled
     def strip_slope(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "2 x"]:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 
+from ..compiled import compiled
 from ..errors import echo, number, refuse
 from ..grid import Line, as_real
 from .scan import ConstantSpeed
@@ -156,13 +157,13 @@ def total_spectrum(
     return _total(noises, line, scan, as_real(signal_rms))
 
 
-@eqx.filter_jit
+@compiled
 def _total(noises, line: Line, scan: ConstantSpeed, signal_rms) -> Float[Array, " k"]:
     spectra = [_power(noise, line, scan, signal_rms) for noise in noises]
     return sum(spectra, jnp.zeros(line.k.shape))
 
 
-@eqx.filter_jit
+@compiled
 def with_noise(
     noises: tuple[Noise, ...],
     line: Line,
@@ -204,7 +205,7 @@ def check_power(noises: Sequence[Noise], power: Float[ArrayLike, " k"]) -> None:
     )
 
 
-@eqx.filter_jit
+@compiled
 def draw(
     key: PRNGKeyArray, spectrum: Float[Array, " k"], elements: int, n: int
 ) -> Float[Array, "e n"]:

@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
+from ..compiled import compiled
 from ..errors import number
 from ..grid import Line, as_real
 from .antiplane import Antiplane
@@ -72,7 +73,7 @@ class TurnedSkin(Skin):
         # The skin has done its part: one program serves all skins.
         return np.asarray(TurnedSkin(HalfSpace(), self.angle_rad).turned_back(plane, across))
 
-    @eqx.filter_jit
+    @compiled
     def turned_back(self, plane: Complex[Array, "4 2 k"], antiplane: Complex[Array, "2 k"]):
         """Stress in the sensor's frame (4, 2, k), of that in plane strain and of that in antiplane
         shear, under (p, q)."""
@@ -150,7 +151,7 @@ def turned(sensor: Sensor, angle_rad) -> Sensor:
     return _turned(sensor, _within_quarter(angle_rad))
 
 
-@eqx.filter_jit
+@compiled
 def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
     def one(film: Film) -> Film:
         return turned_film(film, angle_rad).with_effect(

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
+from ..compiled import compiled
 from ..errors import number, whole
 from ..grid import as_real
 
@@ -44,11 +45,11 @@ class Saturation(SampleConversion):
         wanted = "a positive number in the signal's unit"
         self.limit = as_real(number("converter limit", limit, wanted, above=0))
 
-    @eqx.filter_jit
+    @compiled
     def convert(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         return _between(signal, -self.limit, self.limit)
 
-    @eqx.filter_jit
+    @compiled
     def valid(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
         return jnp.abs(signal) < self.limit
 
@@ -85,12 +86,12 @@ class Quantiser(SampleConversion):
         """Number of levels below 0."""
         return 2.0 ** (self.bits - 1)
 
-    @eqx.filter_jit
+    @compiled
     def convert(self, signal: Float[Array, "e sample"]) -> Float[Array, "e sample"]:
         level = _between(signal / self.step, as_real(-self._half), as_real(self._half - 1))
         return self.step * _rounded(level)
 
-    @eqx.filter_jit
+    @compiled
     def valid(self, signal: Float[Array, "e sample"]) -> Bool[Array, "e sample"]:
         level = jnp.round(signal / self.step)
         return (level > -self._half) & (level < self._half - 1)

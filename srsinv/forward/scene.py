@@ -8,6 +8,7 @@ import equinox as eqx
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Float
 
+from ..compiled import compiled
 from ..errors import all_of_kind, number, of_kind, refuse, whole
 from ..grid import Line, Scalar, as_real
 from .contact import Contact, press
@@ -86,7 +87,7 @@ def deviation(
     return _deviation(*scene.solved(line, p), line, direction, periodic)
 
 
-@eqx.filter_jit
+@compiled
 def _deviation(scene: Scene, p, line: Line, direction: Scalar, periodic: bool):
     whole = scene.traction(line, direction, p)
     return whole if periodic else whole - scene.background(direction)[:, None]
@@ -224,6 +225,6 @@ class SurfaceScene(Scene):
         return self.contact(line).pressure_Pa
 
 
-@eqx.filter_jit
+@compiled
 def _height(surface: Surface, line: Line) -> Float[Array, " n"]:
     return surface.height(line)

@@ -6,6 +6,7 @@ import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ..compiled import compiled
 from ..grid import Line, Periodic, Stage, as_real
 from .amplifier import ChargeReadout
 from .contact import refuse_both_ways
@@ -100,7 +101,7 @@ class Simulation(eqx.Module):
         )
 
 
-@eqx.filter_jit
+@compiled
 def _signal_along(
     sensor: Sensor,
     drift: SinusoidalLoad | None,
@@ -126,7 +127,7 @@ def _signal_along(
     return filtered(sensor.filters, signal, interval)
 
 
-@eqx.filter_jit
+@compiled
 def response(stage: Stage, line: Line, traction, refinement: int):
     """The stage's signals (e, n) under `traction` on `line`, at every so many positions."""
     return line.operator(stage)(traction)[:, ::refinement]

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Inexact
 
+from ..compiled import compiled
 from ..errors import number
 from ..grid import Scalar, as_real
 from ..quantities import quantity
@@ -90,7 +91,7 @@ class Skin(eqx.Module):
         """The stress under shear along features that cross the sliding direction."""
 
 
-@eqx.filter_jit
+@compiled
 def _transfer(skin: Skin, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Array:
     return skin.transfer(k, depth_m)
 

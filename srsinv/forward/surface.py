@@ -15,6 +15,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Float, UInt32
 
+from ..compiled import compiled
 from ..errors import all_of_kind, number, refuse, whole
 from ..grid import Line, Scalar, as_real, wavenumbers
 from .shape import (
@@ -301,12 +302,12 @@ class Surface(eqx.Module):
         shape = self.shapes[0] if len(self.shapes) == 1 else None
         return shape if isinstance(shape, kind) else None
 
-    @eqx.filter_jit
+    @compiled
     def height(self, line: Line) -> Float[Array, " n"]:
         """Height [m] at the cell centres."""
         return sum((shape.height(line) for shape in self.shapes), jnp.zeros(line.n))
 
-    @eqx.filter_jit
+    @compiled
     def friction(self, line: Line, forward: bool = True) -> Float[Array, " n"]:
         """mu at the cell centres, `forward` for sliding towards +x."""
         mu = jnp.full(line.n, self.base_friction)

@@ -5,12 +5,12 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ..compiled import compiled
 from ..grid import Line, Periodic
 from .noise import NonGaussianNoise, split_gaussian
 from .scan import ConstantSpeed, Motion
@@ -66,7 +66,7 @@ def _converted_with_bursts(
     return np.asarray(sim.scenario.recorder.convert(signal))
 
 
-@eqx.filter_jit
+@compiled
 def _with_bursts(noise: NonGaussianNoise, signal, line: Line, scan: ConstantSpeed, key):
     return signal + noise.draw(key, line, scan, jnp.sqrt(jnp.mean(signal**2)))
 

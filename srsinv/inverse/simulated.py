@@ -2,11 +2,11 @@
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compiled import compiled
 from ..errors import refuse
 from ..forward.film import StripAverage
 from ..forward.noise import check_power, with_noise
@@ -28,7 +28,7 @@ def noisy_problem(sim: Simulation, key, friction=None) -> LineProblem:
     return problem_of(sim, sim.signal(), mean_p_Pa, key, friction)
 
 
-@eqx.filter_jit
+@compiled
 def _mean_pressure(traction: Float[Array, "c n"]) -> Float[Array, ""]:
     return jnp.mean(traction[0])
 

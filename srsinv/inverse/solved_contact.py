@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compiled import compiled
 from ..errors import BadInput, refuse
 from ..forward.contact import Contact
 from ..forward.scene import SurfaceScene
@@ -56,7 +57,7 @@ class SolvedContact(eqx.Module):
         start = float(fine.x[0] - fine.cell_m / 2)
         return Window(start, start + fine.n * float(fine.cell_m))
 
-    @eqx.filter_jit
+    @compiled
     def fine_traction(self, surface: Surface | None = None) -> Float[Array, "2 fine"]:
         """p and q on the finer line, with the friction of `surface` in place of its own."""
         sim, of = self.sim, self.surface if surface is None else surface

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ..compiled import compiled
 from ..errors import choice, number, of_kind
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
@@ -174,7 +175,7 @@ def _spectrum(name: str, given: Any) -> TractionSpectrum:
     return of_kind(f"method.wiener.{name}", spectrum, TractionSpectrum, wanted)
 
 
-@eqx.filter_jit
+@compiled
 def _powers(problem: LineProblem, spectra: tuple[TractionSpectrum, ...]) -> Float[Array, "c k"]:
     return jnp.stack([spectrum.power(problem) for spectrum in spectra])
 
@@ -189,7 +190,7 @@ def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, 
     return 10.0**choice.log_weights, choice.status
 
 
-@eqx.filter_jit
+@compiled
 def _log_scale(problem: LineProblem, power, samples: int) -> Float[Array, " c"]:
     """log10 of the factors under which each component alone would make the data's power."""
     gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-import equinox as eqx
 import numpy as np
 
 from .. import config
+from ..compiled import compiled
 from ..forward.scene import Scene
 from ..forward.simulation import Simulation
 from ..grid import Line
@@ -46,7 +46,7 @@ def run(cfg: config.Config) -> Result:
         )
 
 
-@eqx.filter_jit
+@compiled
 def _friction(scene: Scene, line: Line):
     return scene.friction(line)
 

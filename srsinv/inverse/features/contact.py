@@ -8,14 +8,18 @@ these show whether the cells matter to a fit.
 import dataclasses
 import itertools
 from collections.abc import Iterator, Mapping
+from functools import partial
 from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
+from jax.flatten_util import ravel_pytree
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...errors import check_name, number, refuse
 from ...forward.contact import Contact, press
 from ...forward.feature import ScanExtent
@@ -80,8 +84,10 @@ class ContactLoading(Loading):
 
     def contact(self, line: Line, surface: Surface, params: Any) -> Contact:
         """How the skin lies on it."""
-        height = surface.height(line)
-        return press(line, self.sensor.skin, height, params["nominal_pressure_Pa"])
+        given = line, surface, self.sensor.skin, params["nominal_pressure_Pa"]
+        numbers, form = eqx.partition(given, eqx.is_array)
+        leaves, tree = jax.tree.flatten(numbers)
+        return _pressed(tree, form, *leaves)
 
     def tractions(
         self, line: Line, features: Features, params: Any, directions: tuple[bool, ...]
@@ -288,7 +294,37 @@ def _range_around(name: str, value: float) -> Range:
     return value / REACH[name], value * REACH[name]
 
 
-@eqx.filter_jit
+def _solved(tree, form, leaves) -> Contact:
+    line, surface, skin, nominal = eqx.combine(jax.tree.unflatten(tree, leaves), form)
+    return press(line, skin, surface.height(line), nominal)
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0, 1))
+def _pressed(tree, form, *leaves) -> Contact:
+    """The contact of a line, a surface, a skin and a nominal pressure, from their numbers."""
+    return _solved(tree, form, leaves)
+
+
+@partial(_pressed.defjvp, symbolic_zeros=True)
+def _pressed_jvp(tree, form, primals, tangents):
+    """By the derivatives after the few numbers that the contact depends on. Each of them is a
+    system of equations, and there are fewer than parameters of a rig that is not exactly known."""
+    moving = [i for i, each in enumerate(tangents) if not isinstance(each, SymbolicZero)]
+    at, unravel = ravel_pytree([primals[i] for i in moving])
+    along, _ = ravel_pytree([tangents[i] for i in moving])
+
+    def contact(numbers):
+        leaves = list(primals)
+        for i, own in zip(moving, unravel(numbers), strict=True):
+            leaves[i] = own
+        return _solved(tree, form, leaves)
+
+    reached, push = jax.linearize(contact, at)
+    each = jax.vmap(push)(jnp.eye(at.size, dtype=at.dtype))
+    return reached, jax.tree.map(lambda rows: jnp.tensordot(along, rows, 1), each)
+
+
+@compiled
 def _fields(model: Any, shapes, rest) -> Float[Array, "start part way e n"]:
     """What the amplifier reads along the line, before its gain over time, of the model's only
     feature: of no friction at all, then of one unit more of each parameter that is linear."""

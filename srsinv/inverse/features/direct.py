@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...errors import of_kind
 from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
@@ -129,7 +129,7 @@ def amplitudes(feature: Any, own: Mapping[str, Any]) -> tuple[Array, Array]:
     return p, jnp.asarray(q)
 
 
-@eqx.filter_jit
+@compiled
 def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
     """One over the scan and half its margins, falling to zero at the line's ends as a cosine."""
     x, low, high = line.x, jnp.min(motion.position_m), jnp.max(motion.position_m)
@@ -137,7 +137,7 @@ def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
     return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
 
-@eqx.filter_jit
+@compiled
 def responses(model: Any, shapes) -> Float[Array, "start a e sample"]:
     """Signals of every unit amplitude of the model's only feature, for each shape."""
     ((name, feature),) = model.features.items()

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ... import resolution
+from ...compiled import compiled
 from ...errors import refuse
 from ...forward.contact import refuse_both_ways
 from ...forward.feature import ScanExtent
@@ -176,7 +177,7 @@ class FeatureModel(eqx.Module):
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
         return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
 
-    @eqx.filter_jit
+    @compiled
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
         if self.uncertain is not None:
             here, params = self.at_facts(params)
@@ -197,7 +198,7 @@ def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
     return jnp.stack(directions) if len(directions) > 1 else directions[0]
 
 
-@eqx.filter_jit
+@compiled
 def operator_along(
     sensor: Sensor, line: Line, motion: Motion, reach_m: float | None, directions: tuple[bool, ...]
 ) -> MotionOperator:

@@ -15,6 +15,7 @@ import numpy as np
 import xarray
 from jaxtyping import Float, Shaped
 
+from ...compiled import compiled
 from ...errors import LARGEST, refuse
 from ...forward.film import Film
 from ...forward.measured import KernelTable, MeasuredFilm, integral_of
@@ -170,7 +171,7 @@ def kernels(
     return np.asarray(_response(stage, as_real(x_m), as_real(width))) / width
 
 
-@eqx.filter_jit
+@compiled
 def _response(stage: FilmSignal, x_m: Any, width_m: Any):
     return stage.cell_response(x_m, width_m)
 

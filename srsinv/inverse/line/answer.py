@@ -7,11 +7,11 @@ nothing in the residual says so. Every run adds such an error to the level of wh
 
 from typing import NamedTuple
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...grid import half_spectrum_weights
 from ...numerics import runs
 from ..estimate import Numbers
@@ -153,7 +153,7 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
     return CheckedSolution(solution, parts, checks, cleaned.dof)
 
 
-@eqx.filter_jit
+@compiled
 def _estimate_parts(
     problem: LineProblem, prior: Prior, solution: Solution
 ) -> tuple[EstimateParts, Float[Array, " c"], Float[Array, " c"]]:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
+from ...compiled import compiled
 from ...grid import Convolution, Line
 from ..estimate import COMPONENTS, Numbers
 
@@ -17,7 +18,7 @@ from ..estimate import COMPONENTS, Numbers
 OBSERVABLE_GAIN = 1e-3
 
 
-@eqx.filter_jit
+@compiled
 def are_observable(
     forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
 ) -> Bool[Array, " c"]:
@@ -36,7 +37,7 @@ def are_observable(
     return observable & ~alike
 
 
-@eqx.filter_jit
+@compiled
 def have_zero_mean(
     forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
 ) -> Bool[Array, " c"]:
@@ -45,7 +46,7 @@ def have_zero_mean(
     return jnp.asarray(known) | (~are_observable(forward, noise, known) & forward.is_circular)
 
 
-@eqx.filter_jit
+@compiled
 def less_means(forward: Convolution, data, observed, means):
     """The signal of the known means, and the data without it, zero where they are missing."""
     each = jnp.stack([jnp.zeros(()) if mean is None else mean for mean in means])
@@ -142,7 +143,7 @@ class LineModel(eqx.Module):
         """Number of valid samples, over all elements."""
         return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
 
-    @eqx.filter_jit
+    @compiled
     def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
         """The mean of y over the valid samples, where the signal's offset is not known and absorbs
         it; else zero."""
@@ -170,7 +171,7 @@ class LineModel(eqx.Module):
             return np.broadcast_to(0.0, (self.unknowns, self.line.n))
         return self._mean_weights()
 
-    @eqx.filter_jit
+    @compiled
     def _mean_weights(self) -> Float[Array, "c n"]:
         is_deviation = jnp.array([each is None for each in self.background_Pa[: self.unknowns]])
         hidden = jnp.where(self.zero_mean, is_deviation, ~self.mean_is_observable)

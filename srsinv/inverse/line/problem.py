@@ -16,6 +16,7 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
+from ...compiled import compiled
 from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
@@ -426,7 +427,7 @@ class LineProblem(LineModel):
         )
 
 
-@eqx.filter_jit
+@compiled
 def _estimate_parts(problem: LineProblem, traction, stderr) -> EstimateParts:
     return problem.estimate_parts(traction, stderr)
 

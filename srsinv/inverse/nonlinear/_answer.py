@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 
 from ... import false_alarm
+from ...compiled import compiled
 from ...grid import as_real
 from ...status import Status
 from ..diagnostics import (
@@ -280,8 +281,7 @@ def _slope(function, layout: Layout, row, z):
     """A function of the parameters, and its derivative by the free ones."""
 
     def of(z):
-        whole = jnp.asarray(row).at[np.asarray(layout.free)].set(z)
-        return jnp.asarray(function(layout.tree(whole)))
+        return jnp.asarray(function(layout.filled(jnp.asarray(row), z)))
 
     return of(z), jax.jacfwd(of)(z)
 
@@ -459,7 +459,7 @@ def terms_of(objective: Objective, ends: SearchEnd) -> tuple[np.ndarray, np.ndar
     return _with_priors(objective, ends, np.asarray(root), jacobian)
 
 
-@eqx.filter_jit
+@compiled
 def _rooted(loss: Loss, white):
     """The loss's root, and its slope."""
     return jax.jvp(loss.root, (white,), (jnp.ones_like(white),))

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from ...compiled import compiled
 from ...grid import as_real
 from ._levenberg_marquardt import ACCEPTED, FIRST_DAMPING, MOST_DAMPING
 from ._search import Objective
@@ -225,7 +226,7 @@ def _linearised(static, arrays, ys, z):
     return jax.vmap(one)(ys, z)
 
 
-@eqx.filter_jit
+@compiled
 def _whitened(objective: Objective, ys):
     """The data in units of the noise (b, n)."""
     return jax.vmap(objective.whiten)(ys) / objective.scale

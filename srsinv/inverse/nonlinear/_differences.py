@@ -10,11 +10,11 @@ import dataclasses
 from collections.abc import Mapping
 from functools import partial
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...compiled import compiled
 from ...errors import refuse
 from ...grid import as_real
 from ...numerics import orthonormal_basis
@@ -103,6 +103,6 @@ def _distance_by_noise(objective: Objective, ends: SearchEnd, by_steps: SearchEn
     return float(np.linalg.norm(across)) / np.sqrt(max(theirs.shape[1], 1))
 
 
-@eqx.filter_jit
+@compiled
 def _white_at(objective: Objective, z, off):
     return objective.white(z + off)[0]

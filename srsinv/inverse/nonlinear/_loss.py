@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...errors import refuse
 
 Rows = Float[Array, " n"]
@@ -25,7 +26,7 @@ class Loss(eqx.Module):
     def root(self, r: Rows) -> Rows:
         """t(r), of the sign of r."""
 
-    @eqx.filter_jit
+    @compiled
     def influence(self, r: Rows) -> tuple[Rows, Rows]:
         """rho' and rho''."""
 

@@ -11,6 +11,7 @@ import numpy as np
 import scipy
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ...grid import as_real, half_spectrum_weights
 from ._parameters import on_host, real
@@ -169,7 +170,7 @@ class WhitePlusOU(Whitener):
     def level_stderr(self) -> Any:
         return self.relative_stderr
 
-    @eqx.filter_jit
+    @compiled
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
         observed = jnp.isfinite(self.stderr)
         known = jnp.where(observed, residual, 0.0)

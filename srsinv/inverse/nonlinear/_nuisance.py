@@ -8,12 +8,12 @@ singular values W C = U S V^T, of each row of data,
 whitens both together: the sizes need not be fitted.
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...grid import as_real
 from ._noise import Whitener, WhitePlusOU, whitener
 
@@ -54,7 +54,7 @@ class WithNuisance(Whitener):
     def level_stderr(self):
         return self.alone.level_stderr
 
-    @eqx.filter_jit
+    @compiled
     def __call__(self, residual: Float[Array, "e sample"]) -> Float[Array, " n"]:
         return self._scaled(self.alone(residual), 1 / jnp.sqrt(1 + self.strength**2))
 
@@ -97,6 +97,6 @@ class WithNuisance(Whitener):
         return self.alone.count(shape)
 
 
-@eqx.filter_jit
+@compiled
 def _each(alone: Whitener, columns: Float[Array, "m e sample"]) -> Float[Array, "m e sample"]:
     return jax.lax.map(lambda column: alone(column).reshape(column.shape), columns)

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -30,13 +29,17 @@ class Layout:
     free: tuple[int, ...]
     linear: tuple[int, ...]
 
-    def tree(self, row: Float[Array, " all"]) -> Tree:
-        """The tree whose numbers are `row`."""
-        sizes = [int(np.prod(shape)) for shape in self.shapes]
-        parts = jnp.split(row, np.cumsum(sizes)[:-1].tolist())
-        return jax.tree.unflatten(
-            self.structure, [p.reshape(s) for p, s in zip(parts, self.shapes, strict=True)]
-        )
+    def filled(self, row: Float[Array, " all"], z: Float[Array, " m"]) -> Tree:
+        """The tree whose numbers are `row`, the free ones of them `z`. What has none that is free
+        does not depend on z for jax either, so that nothing is differentiated by it."""
+        whole, free = row.at[np.asarray(self.free)].set(z), set(self.free)
+        leaves, first = [], 0
+        for shape in self.shapes:
+            places = range(first, first + math.prod(shape))
+            source = row if free.isdisjoint(places) else whole
+            leaves.append(source[places.start : places.stop].reshape(shape))
+            first = places.stop
+        return jax.tree.unflatten(self.structure, leaves)
 
     def host_tree(self, row: np.ndarray) -> Tree:
         """The tree of `row` in numpy arrays; a scalar leaf becomes a float."""

@@ -3,11 +3,11 @@
 from collections.abc import Collection, Mapping
 from typing import Any
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from ...compiled import compiled
 from ...errors import BadInput, of_kind, refuse
 from ._loss import loss_of
 from ._noise import whitener
@@ -114,7 +114,7 @@ def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
         )
 
 
-@eqx.filter_jit
+@compiled
 def _is_affine(objective: Objective, z):
     places = np.array(
         [i for i, at in enumerate(objective.layout.free) if at in objective.layout.linear]

@@ -1,9 +1,9 @@
 """Restart of a search that began on a saddle or a maximum and could not leave it."""
 
-import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 
+from ...compiled import compiled
 from ...grid import as_real
 from ._answer import rows_of
 from ._search import Objective, SearchEnd, search
@@ -49,6 +49,6 @@ def _lower_beside(objective: Objective, ends: SearchEnd, lower, upper):
     return None
 
 
-@eqx.filter_jit
+@compiled
 def _cost_at(objective: Objective, z):
     return 0.5 * jnp.sum(objective.terms(z) ** 2)

@@ -1,7 +1,7 @@
 """Search for the best minimum from starting points: pure, compiled once for each model."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int
 
+from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ._lengths import lengths
 from ._loss import Loss, Squares
@@ -45,7 +46,7 @@ class Objective(eqx.Module):
 
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
-        return self.layout.tree(jnp.asarray(self.row).at[np.asarray(self.layout.free)].set(z))
+        return self.layout.filled(jnp.asarray(self.row), z)
 
     def signal(self, z: Float[Array, " m"]) -> Float[Array, "..."]:
         """The model at z. Raises `BadInput`, as it is traced, for one that jax cannot differentiate
@@ -75,10 +76,23 @@ class Objective(eqx.Module):
 
     def terms(self, z: Float[Array, " m"]) -> Float[Array, " terms"]:
         """The terms of the sum of squares."""
-        data = self.loss.root(self.white(z)[0])
+        return self.with_priors(self.loss.root(self.white(z)[0]), z)
+
+    def with_priors(
+        self, data: Float[Array, " n"], z: Float[Array, " m"]
+    ) -> Float[Array, " terms"]:
+        """The terms of the data, with those of the priors."""
         if self.prior_mean is None or self.prior_weight is None:
             return data
         return jnp.concatenate([data, (z - self.prior_mean) * self.prior_weight])
+
+    def only(self, places: Sequence[int], z: Float[Array, " m"]) -> "Objective":
+        """The objective of the data as a function of some of the free parameters alone, the others
+        fixed at z: only what those enter is differentiated."""
+        free = tuple(self.layout.free[place] for place in places)
+        row = jnp.asarray(self.row).at[np.asarray(self.layout.free)].set(z)
+        layout = dataclasses.replace(self.layout, free=free, linear=())
+        return dataclasses.replace(self, layout=layout, row=row, prior_mean=None, prior_weight=None)
 
 
 class Linearised(eqx.Module):
@@ -122,25 +136,11 @@ class VariableProjection(eqx.Module):
         return _left(v, split=self)
 
     def linearised(self, v: Float[Array, " v"]) -> Linearised:
-        """The whole problem at the best linear parameters.
-
-        By two rounds of one program, in place of one that solves for these parameters and one that
-        differentiates at them: a model takes longer to compile than to run. The first round
-        computes the linear parameters' derivatives only.
-        """
-        searched, linear = self._places
-
-        def improved(z, asked):
-            linearisation = self._linearised(z, asked)
-            terms, jacobian = self._with_priors(linearisation)
-            return z.at[linear].add(_least_squares(jacobian[:, linear], -terms)), linearisation
-
-        start = self._from(v)
-        every = jnp.ones_like(start)
-        if not len(linear):
-            return self._linearised(start, every)
-        asked = jnp.stack([every.at[searched].set(0.0), every])
-        return jax.tree.map(lambda leaf: leaf[-1], jax.lax.scan(improved, start, asked)[1])
+        """The whole problem at the best linear parameters."""
+        z = self.whole(v) if len(self._places[1]) else self._from(v)
+        white, push, residual = jax.linearize(self.objective.white, z, has_aux=True)
+        jacobian = jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype))
+        return Linearised(z, white, jacobian, residual)
 
     def projected(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
         """`terms`, and their derivative (terms, v) after Kaufman."""
@@ -152,12 +152,6 @@ class VariableProjection(eqx.Module):
     def _from(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
         searched, linear = self._places
         return jnp.zeros(len(searched) + len(linear), v.dtype).at[searched].set(v)
-
-    def _linearised(self, z: Float[Array, " m"], asked: Float[Array, " m"]) -> Linearised:
-        """The problem linearised at z, with zeros for the derivatives that are not `asked` for (0
-        or 1)."""
-        white, push, residual = jax.linearize(self.objective.white, z, has_aux=True)
-        return Linearised(z, white, jax.vmap(push, out_axes=1)(jnp.diag(asked)), residual)
 
     def _with_priors(self, at: Linearised) -> tuple[Array, Array]:
         weight, mean = self.objective.prior_weight, self.objective.prior_mean
@@ -172,8 +166,10 @@ class VariableProjection(eqx.Module):
         if not len(linear):
             return start, self.objective.terms(start)
 
+        alone = self.objective.only(linear.tolist(), start)
+
         def along(c):
-            return self.objective.terms(start.at[linear].set(c))
+            return self.objective.with_priors(alone.terms(c), start.at[linear].set(c))
 
         rest, push = jax.linearize(along, jnp.zeros(len(linear), v.dtype))
         basis = jax.vmap(push, out_axes=1)(jnp.eye(len(linear), dtype=v.dtype))
@@ -221,7 +217,7 @@ class SearchEnd(NamedTuple):
     done: Bool[Host, ""]
 
 
-@eqx.filter_jit
+@compiled
 def search(
     objective: Objective, solver: Solver, starts, lower, upper, max_searches: int
 ) -> SearchEnd:

@@ -5,12 +5,12 @@ The linearised problem is mistaken where the residual's own curvature decides: J
 minimum whose residual is not zero (Freudenstein and Roth, Jennrich and Sampson, chebyquad of 8).
 """
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ._lengths import lengths
 from ._search import Objective
 
@@ -34,7 +34,7 @@ def newton_fall(objective: Objective, z, jacobian: np.ndarray, held: np.ndarray)
     return float(0.5 * np.sum((vectors.T @ slope) ** 2 / curved) / cost)
 
 
-@eqx.filter_jit
+@compiled
 def _derivatives(
     objective: Objective, z: Float[Array, " m"]
 ) -> tuple[Float[Array, ""], Float[Array, " m"], Float[Array, "m m"]]:

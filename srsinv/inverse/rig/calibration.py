@@ -22,6 +22,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...compiled import compiled
 from ...errors import BadInput, check_name, number, refuse
 from ...forward.operator import PositionInterpolation
 from ...grid import as_real
@@ -42,7 +43,7 @@ TRIED_DEPTHS = (0.7, 1.0, 1.4)  # of the stated depth, in the search for the fea
 SEARCHED = 4_000  # means of samples at most, in that search
 
 
-@eqx.filter_jit
+@compiled
 def _unit_signals(model: RigModel, first: Any, depths: Float[Array, " a"], places):
     """The signals (a, b, part, e, sample) at gains of one, at depths and places (b,) tried: of
     pressure, and of the shear of a friction of one. What the electronics do in time is left out."""

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ... import resolution
+from ...compiled import compiled
 from ...errors import refuse
 from ...forward.film import Film
 from ...forward.operator import POINTS, PositionInterpolation
@@ -140,7 +141,7 @@ class RigModel(eqx.Module):
         gains = tuple(f"gain_{n + 1}" for n in range(len(self.sensor.elements)))
         return (*gains, *(("offset",) if self.free_offset else ()))
 
-    @eqx.filter_jit
+    @compiled
     def __call__(self, params: Mapping[str, Any]) -> Float[Array, "e sample"]:
         elements = range(len(self.sensor.elements))
         gain = jnp.stack([jnp.asarray(params[f"gain_{n + 1}"]) for n in elements])

@@ -1,0 +1,163 @@
+"""Stored programs: loaded without tracing, told from others, made again when damaged."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from srsinv import compiled as module
+from srsinv.compiled import compiled, stored
+from srsinv.grid import Convolution
+
+N, LENGTH = 48, 96
+K = np.linspace(0.0, 900.0, 7)
+TRACED = "/jax/core/compile/jaxpr_trace_duration"
+
+
+def kernel(n: int = N, length: int = LENGTH, size: float = 1.0) -> Convolution:
+    values = size * np.exp(-np.minimum(np.arange(length), length - np.arange(length)) / 3)
+    return Convolution(jnp.fft.rfft(values)[None, None], jnp.asarray(1e-3), n, length, True)
+
+
+@contextmanager
+def traces() -> Iterator[list[str]]:
+    """What jax traces inside."""
+    traced: list[str] = []
+
+    def listen(name: str, _: float, **about) -> None:
+        if name == TRACED:
+            traced.append(about.get("fun_name", ""))
+
+    jax.monitoring.register_event_duration_secs_listener(listen)
+    try:
+        yield traced
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listen)
+
+
+def symbol(folder: Path, of: Convolution, k=K) -> np.ndarray:
+    """By a store of its own, as in another process."""
+    with stored(folder):
+        return np.asarray(of.symbol(jnp.asarray(k)))
+
+
+def programs(folder: Path) -> list[Path]:
+    return sorted(folder.glob("*-program"))
+
+
+def test_a_second_run_traces_nothing_and_gives_the_same(tmp_path):
+    of = kernel()
+    first = symbol(tmp_path, of)
+    k = jnp.asarray(K)
+    with stored(tmp_path), traces() as traced:
+        second = np.asarray(of.symbol(k))
+    assert not traced
+    np.testing.assert_array_equal(first, second)
+    np.testing.assert_allclose(first, np.asarray(of.symbol(k)), rtol=1e-12)
+
+
+def test_values_are_inputs_and_forms_are_programs(tmp_path):
+    once = symbol(tmp_path, kernel())
+    (one,) = programs(tmp_path)
+    np.testing.assert_allclose(symbol(tmp_path, kernel(size=2.0)), 2 * once, rtol=1e-12)
+    assert programs(tmp_path) == [one]
+    for count, (of, k) in enumerate(
+        [(kernel(n=40), K), (kernel(length=100), K), (kernel(), K[:5])]
+    ):
+        symbol(tmp_path, of, k)
+        assert len(programs(tmp_path)) == count + 2
+
+
+def test_another_version_makes_its_own(tmp_path, monkeypatch):
+    symbol(tmp_path, kernel())
+    monkeypatch.setattr(module, "_version", lambda: "another")
+    symbol(tmp_path, kernel())
+    assert len(programs(tmp_path)) == 2
+
+
+@pytest.mark.parametrize(
+    "spoil", [lambda data: data[:40], lambda _: b"", lambda data: data[:-1] + b"x"]
+)
+def test_a_damaged_program_is_made_again(tmp_path, spoil):
+    expected = symbol(tmp_path, kernel())
+    (path,) = programs(tmp_path)
+    path.write_bytes(spoil(path.read_bytes()))
+    for _ in range(2):
+        np.testing.assert_array_equal(symbol(tmp_path, kernel()), expected)
+    assert len(path.read_bytes()) > 1000
+
+
+def test_derivatives_and_batches_pass_through_it(tmp_path):
+    def energy(k):
+        return jnp.sum(jnp.abs(kernel().symbol(k)) ** 2)
+
+    expected = jax.grad(energy)(K)
+    with stored(tmp_path):
+        np.testing.assert_allclose(jax.grad(energy)(K), expected, rtol=1e-12, atol=1e-13)
+        batch = jax.vmap(kernel().symbol)(jnp.stack([K, -K]))
+    np.testing.assert_allclose(batch[1], batch[0].conj(), atol=1e-12)
+    assert programs(tmp_path) == []
+
+
+class Own(eqx.Module):
+    """A class that is no part of the package."""
+
+    factor: jax.Array
+
+    @compiled
+    def __call__(self, x):
+        return self.factor * x
+
+
+def test_what_is_not_the_packages_is_left_to_jax(tmp_path):
+    with stored(tmp_path):
+        assert Own(jnp.asarray(2.0))(jnp.asarray(3.0)) == 6.0
+        assert compiled(lambda x: x + 1)(jnp.asarray(1.0)) == 2.0
+    assert programs(tmp_path) == []
+
+
+def test_what_a_program_returns_keeps_its_form(tmp_path):
+    """A module with fields that are no arrays."""
+    expected = kernel().circulant()
+    for _ in range(2):
+        with stored(tmp_path):
+            made = kernel().circulant()
+        assert jax.tree.structure(made) == jax.tree.structure(expected)
+        np.testing.assert_allclose(made.transfer, expected.transfer, atol=1e-13)
+
+
+@pytest.mark.full
+def test_a_process_runs_what_another_has_compiled(tmp_path):
+    """LAPACK, too, which jax makes ready when it traces what needs it."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_COMPILATION")}
+    environment["XDG_CACHE_HOME"] = str(tmp_path)
+    command = [sys.executable, "-c", COUNTED, "experiment=fit_recording", "figures=none"]
+    counts = [
+        int(subprocess.run(
+            command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=True
+        ).stdout.split()[-1])
+        for _ in range(2)
+    ]  # fmt: skip
+    assert counts[0] > 10
+    assert counts[1] == 0
+
+
+COUNTED = """
+import sys
+import jax
+from srsinv.__main__ import main
+missed = []
+jax.monitoring.register_event_listener(
+    lambda name, **_: missed.append(name) if name.endswith("cache_misses") else None
+)
+assert main(sys.argv[1:]) == 0
+print(len(missed))
+"""
