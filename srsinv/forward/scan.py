@@ -92,7 +92,10 @@ class Motion(eqx.Module):
         speed = np.broadcast_to(speed_m_per_s, np.shape(speed_m_per_s) or np.shape(time_s))
         _check_columns(time_s=time_s, speed_m_per_s=speed)
         number("scan.start_m", start_m, "a finite position in m")
-        travelled_m = _at_samples(_spline(time_s, speed, 3).antiderivative(), time_s)
+        if np.ptp(speed) == 0:
+            travelled_m = speed[0] * (np.asarray(time_s, dtype=float) - time_s[0])
+        else:
+            travelled_m = _at_samples(_spline(time_s, speed, 3).antiderivative(), time_s)
         return cls(time_s, start_m + travelled_m, speed)
 
     @classmethod

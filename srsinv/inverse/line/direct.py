@@ -95,12 +95,12 @@ def solve(problem: LineProblem, prior: Prior, white: Whitened) -> Solution:
     The condition number is that of the precision, in the 1-norm.
     """
     n, unknowns = problem.line.n, problem.unknowns
-    posterior = _posterior(problem, prior, white)
+    information = white.model.T @ white.model
+    posterior = _posterior(problem, information + _penalty(problem, prior))
     covariance = posterior.covariance()
     value = covariance @ (white.model.T @ white.data)
     variance = jnp.maximum(_variance(problem, covariance), 0.0)
     middle = jnp.arange(unknowns) * n + n // 2
-    information = white.model.T @ white.model
     averaging = covariance @ information[:, middle]
     return Solution(
         value.reshape(unknowns, n),
@@ -127,19 +127,40 @@ def _variance(problem: LineProblem, covariance: Float[Array, "m m"]) -> Float[Ar
     return variance - 2 * jnp.sum(shared * along, axis=1) + along @ of_mean
 
 
-def score(problem: LineProblem, prior: Prior, white: Whitened) -> Score:
-    """The prior's score over the valid samples, exact but for the prior's determinant.
+class Scored(NamedTuple):
+    """What the scores of a family's priors share: the whitened model and data, the data's
+    information on the traction, and the penalty and the root of the prior with weights of 1."""
+
+    white: Whitened
+    information: Float[Array, "m m"]
+    penalty: Float[Array, "m m"]
+    root: Float[Array, "c k"]
+
+
+@jax.jit
+def scored(problem: LineProblem, unweighted: Prior) -> Scored:
+    """The problem as scores take it."""
+    white = whiten(problem)
+    information = white.model.T @ white.model
+    return Scored(white, information, _penalty(problem, unweighted), unweighted.root(problem.line))
+
+
+def score(problem: LineProblem, factor: Float[Array, " c"], of: Scored) -> Score:
+    """The score, over the valid samples, of the prior whose root is `factor` times that of weights
+    of 1; exact but for the prior's determinant.
 
     That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
     """
-    posterior = _posterior(problem, prior, white)
+    white, each = of.white, jnp.repeat(factor**2, problem.line.n)
+    posterior = _posterior(problem, of.information + each[:, None] * of.penalty)
     right = white.model.T @ white.data
-    half = jax.scipy.linalg.solve_triangular(
-        posterior.root, jnp.concatenate([white.model.T, right[:, None]], axis=1), lower=True
+    # Apart, as a criterion may need the second of them alone, which is far quicker.
+    model, right = (
+        jax.scipy.linalg.solve_triangular(posterior.root, rows, lower=True)
+        for rows in (white.model.T, right)
     )
-    model, right = half[:, :-1], half[:, -1]
     residual = white.data - model.T @ right
-    root = prior.root(problem.line)
+    root = factor[:, None] * of.root
     root = root.at[:, 0].set(jnp.where(problem.zero_mean, 0.0, root[:, 0]))
     weights = problem.line.n * half_spectrum_weights(problem.line.n)
     log_prior = jnp.sum(weights * jnp.where(root > 0, jnp.log(jnp.where(root > 0, root, 1.0)), 0.0))
@@ -149,12 +170,15 @@ def score(problem: LineProblem, prior: Prior, white: Whitened) -> Score:
     return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
 
 
-def _posterior(problem: LineProblem, prior: Prior, white: Whitened) -> PosteriorFactor:
+def _penalty(problem: LineProblem, prior: Prior) -> Float[Array, "m m"]:
+    """The prior's precision."""
     n, unknowns = problem.line.n, problem.unknowns
     size = unknowns * n
-    basis = jnp.eye(size)
-    penalty = jax.vmap(lambda r: prior.apply(problem.line, r))(basis.reshape(size, unknowns, n))
-    precision = white.model.T @ white.model + penalty.reshape(size, size)
+    basis = jnp.eye(size).reshape(size, unknowns, n)
+    return jax.vmap(lambda r: prior.apply(problem.line, r))(basis).reshape(size, size)
+
+
+def _posterior(problem: LineProblem, precision: Float[Array, "m m"]) -> PosteriorFactor:
     zero_mean = _centre(_centre(precision, problem.zero_mean).T, problem.zero_mean)
     scale = jnp.mean(jnp.diagonal(precision))
     root = jnp.linalg.cholesky(zero_mean + scale * _means(precision, problem.zero_mean))

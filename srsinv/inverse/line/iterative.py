@@ -28,11 +28,11 @@ from ..noise.nuisance import Nuisance, NuisanceCorrection
 from ..noise.whitener import NoisePrecision
 from .gaps import (
     MOST_STEPS,
+    DenseInverse,
     Gaps,
     Shapes,
     Solved,
     conjugate_gradients,
-    inverse_of,
     missing_shapes,
 )
 from .near_periodic import NearPeriodic
@@ -422,7 +422,7 @@ def _of_gaps(near: NearPeriodic) -> Variance:
     on_grid = np.zeros((unknowns, grid.size))
     for block in gaps.blocks:
         around, own = _around(block, gaps.cell.size)
-        inverse = inverse_of(gaps.matrix(unexpected, around, around))[0][own]
+        inverse = DenseInverse(gaps.matrix(unexpected, around, around)).whole[own]
         of_each = gaps.element[around, None] == np.arange(elements)
         sums[gaps.element[block], :, gaps.cell[block]] = inverse @ of_each
         line, places = _places(gaps.cell[around], grid, n, near.width_cells)

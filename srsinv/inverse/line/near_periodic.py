@@ -127,7 +127,7 @@ class NearPeriodic:
     def _trace(self, blocks: BlockInverse, matrices: Matrices) -> float:
         """The trace of Q_mm^-1 times a convolution, over the blocks."""
         lags, pairs = self.lags(matrices), zip(blocks.blocks, blocks.inverses, strict=True)
-        total = sum(float(np.vdot(of, self.gaps.matrix(lags, b, b))) for b, of in pairs)
+        total = sum(float(np.vdot(of.whole, self.gaps.matrix(lags, b, b))) for b, of in pairs)
         sums = self.row_sums(blocks)
         each = [to_spectrum(s) for s in sums.swapaxes(0, 1)]
         weights = half_spectrum_weights(self.n)
@@ -140,7 +140,7 @@ class NearPeriodic:
         """The inverse over the blocks, summed over the missing samples of each element f: at the
         missing samples of e, on their cells."""
         elements = range(len(self.model))
-        ones = [blocks((self.gaps.element == f).astype(float)) for f in elements]
+        ones = [blocks.solved((self.gaps.element == f).astype(float)) for f in elements]
         return np.stack([self.gaps.placed(row) for row in ones], axis=1)
 
     def log_determinant(self, blocks: BlockInverse) -> float:
@@ -156,26 +156,45 @@ class NearPeriodic:
         )
 
 
-def score(problem: LineProblem, prior: Prior, gaps: Gaps) -> Score:
-    """The prior's score over the samples that are there, an open line taken as periodic.
+class PriorScore:
+    """The prior's score over the samples that are there, an open line taken as periodic; each term
+    is computed when a criterion asks for it.
 
     With d completed so that Q d vanishes where samples are missing, the residual is N Q d, and the
     data's square under the model is d^T Q d. The determinants are Q's and N^-1's over the blocks of
     missing samples; the latter is the same for all priors.
     """
-    near = NearPeriodic(problem, prior, gaps)
-    blocks, weights = near.blocks(), half_spectrum_weights(near.n)
-    spectrum = to_spectrum(np.asarray(problem.data, float))
-    surprise = times(near.unexpected, spectrum)
-    if gaps.cell.size:
-        right = gaps.picked(from_spectrum(surprise, near.n))
-        filling = gaps.placed(near.filled(right, blocks, SCORE_TOLERANCE))
-        surprise = surprise - times(near.unexpected, to_spectrum(filling))
-    level = np.where(near.white > 0, near.white, np.inf)
-    residual = float(np.sum(weights * np.abs(surprise / level) ** 2))
-    square = float(np.sum(weights * np.real(surprise.conj() * spectrum)))
-    diagonal = np.abs(np.einsum("cck->ck", near.inverse)) * np.asarray(prior.root(problem.line))
-    ratio = np.sum(np.log(np.where(diagonal > 0, diagonal, 1.0)), axis=0)
-    determinant = near.log_determinant(blocks)
-    evidence = near.n * float(weights @ ratio) - square / 2 + determinant / 2
-    return Score(*(as_real(term) for term in (residual, near.freedom(blocks), evidence)))
+
+    def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
+        self._near, self._root = NearPeriodic(problem, prior, gaps), prior.root(problem.line)
+        self._blocks, self._weights = self._near.blocks(), half_spectrum_weights(self._near.n)
+        self._spectrum = to_spectrum(np.asarray(problem.data, float))
+        self._surprise = times(self._near.unexpected, self._spectrum)
+        if gaps.cell.size:
+            right = gaps.picked(from_spectrum(self._surprise, self._near.n))
+            filling = self._near.filled(right, self._blocks.solved, SCORE_TOLERANCE)
+            unexpected = times(self._near.unexpected, to_spectrum(gaps.placed(filling)))
+            self._surprise = self._surprise - unexpected
+
+    @property
+    def whole(self) -> Score:
+        """All terms."""
+        return Score(*(as_real(each) for each in (self.residual, self.freedom, self.log_evidence)))
+
+    @property
+    def residual(self) -> float:
+        level = np.where(self._near.white > 0, self._near.white, np.inf)
+        return float(np.sum(self._weights * np.abs(self._surprise / level) ** 2))
+
+    @property
+    def freedom(self) -> float:
+        return self._near.freedom(self._blocks)
+
+    @property
+    def log_evidence(self) -> float:
+        near, weights = self._near, self._weights
+        square = float(np.sum(weights * np.real(self._surprise.conj() * self._spectrum)))
+        diagonal = np.abs(np.einsum("cck->ck", near.inverse)) * np.asarray(self._root)
+        ratio = np.sum(np.log(np.where(diagonal > 0, diagonal, 1.0)), axis=0)
+        determinant = near.log_determinant(self._blocks)
+        return near.n * float(weights @ ratio) - square / 2 + determinant / 2

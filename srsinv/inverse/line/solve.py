@@ -27,10 +27,11 @@ from .. import diagnostics
 from ..estimate import COMPONENTS, Estimate, Numbers, TractionEstimate
 from ..noise.levels import at_one_level
 from ..noise.nuisance import scored
-from . import direct, iterative, near_periodic, spectral
+from . import direct, iterative, spectral
 from .answer import CheckedSolution, Runs, answer_of, spectral_answer
 from .gaps import Gaps
 from .model import chi2
+from .near_periodic import PriorScore
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .rig_bands import rig_errors, with_rig_errors
@@ -147,7 +148,7 @@ class Scorer(eqx.Module):
 
     family: Family
     problem: LineProblem
-    reduced: "direct.Whitened | tuple[spectral.Reduced, Numbers] | Gaps"
+    reduced: "direct.Scored | tuple[spectral.Reduced, Numbers] | Gaps"
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
@@ -155,7 +156,7 @@ class Scorer(eqx.Module):
         if path == "iterative":
             self.problem = at_one_level(scored(self.problem))
         if path == "direct":
-            self.reduced = direct.whiten(self.problem)
+            self.reduced = direct.scored(self.problem, family(np.zeros(self.problem.unknowns)))
         elif path == "iterative" and problem.observed is not None:
             self.reduced = Gaps.of(problem.is_observed)
         else:
@@ -175,10 +176,11 @@ class Scorer(eqx.Module):
         weights. It is compiled with the scores, of which it may need some terms alone."""
         samples = self.problem.sample_count
         if isinstance(gaps := self.reduced, Gaps):
-            terms = [near_periodic.score(self.problem, self.family(w), gaps) for w in log_weights]
-            columns = (jnp.asarray(np.array(each)) for each in zip(*terms, strict=True))
-            return criterion(Score(*columns), samples)
-        count, is_direct = len(log_weights), isinstance(self.reduced, direct.Whitened)
+            each = (PriorScore(self.problem, self.family(w), gaps) for w in log_weights)
+            found = [score.whole if criterion is _as_it_is else criterion(score, samples)
+                     for score in each]  # fmt: skip
+            return jax.tree.map(lambda *terms: np.array(terms), *found)
+        count, is_direct = len(log_weights), isinstance(self.reduced, direct.Scored)
         padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))
         padded[:count] = log_weights
         of = criterion, self.family, self.problem if is_direct else None, self.reduced
@@ -210,10 +212,10 @@ def _values(
     samples: int,
 ):
     def value(logs):
-        if problem is not None:
-            return criterion(direct.score(problem, family(logs), reduced), samples)
-        of, root = reduced
         factor = 10.0 ** (family.sign * logs / 2)
+        if problem is not None:
+            return criterion(direct.score(problem, factor, reduced), samples)
+        of, root = reduced
         return criterion(spectral.score(of, factor[:, None] * root), samples)
 
     # LAPACK, which scores of the direct path use, one after the other: side by side it may wait for
