@@ -253,14 +253,15 @@ def reader(cfg: Config) -> Reader:
 
 def recording(cfg: Config, default: str | None = None) -> Recording:
     """The recording at even times; that at the path `default` where none is named."""
-    from .progress import say
+    from .progress import say, stage
     from .recording.even import load_even
 
     settings = part(cfg, "recording")
     if default is not None:
         settings = {**settings, "path": settings.get("path") or default}
     known = {"sensor": {"elements": part(cfg, "sensor").get("elements")}}
-    recording = load_even(settings, known, reader(cfg))
+    with stage(f"reading {settings.get('path')}"):
+        recording = load_even(settings, known, reader(cfg))
     for note in recording.notes:
         say(f"{recording.name}: {note}")
     return recording
@@ -273,21 +274,23 @@ def recorded_problem(
     and the configuration describe; the configuration overrides. `is_wired_as_stated`: whatever
     wiring of the elements the signals speak for. Raises `BadInput` where facts are
     missing, and where numbers of elements and signal columns differ."""
+    from .progress import stage
     from .recorded import problem_of, sensor_of
 
     cell_m, noise = part(cfg, "recording").get("cell_m"), part(cfg, "noise")
     if cell_m is not None:
         number("recording.cell_m", cell_m, "a positive width in metres", above=0)
-    return problem_of(
-        recording,
-        sensor_of(recording, {**_sensor_nodes(cfg), "effects": _sensor_effect_nodes(cfg)}),
-        noise=parts.stated_white_rms(noise, recording),
-        causes=parts.coloured_noises(noise),
-        friction=friction(cfg) if "friction" in cfg else None,
-        cell_m=cell_m,
-        operator=operator(cfg),
-        is_wired_as_stated=is_wired_as_stated,
-    )
+    with stage(f"preparing {recording.name}"):
+        return problem_of(
+            recording,
+            sensor_of(recording, {**_sensor_nodes(cfg), "effects": _sensor_effect_nodes(cfg)}),
+            noise=parts.stated_white_rms(noise, recording),
+            causes=parts.coloured_noises(noise),
+            friction=friction(cfg) if "friction" in cfg else None,
+            cell_m=cell_m,
+            operator=operator(cfg),
+            is_wired_as_stated=is_wired_as_stated,
+        )
 
 
 def features(cfg: Config) -> dict[str, Feature]:

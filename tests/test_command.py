@@ -1,7 +1,6 @@
 """The command line on a small configuration of its own: runs, sweeps, refusals, what stays behind,
 and the page."""
 
-import io
 import json
 import os
 import re
@@ -20,7 +19,6 @@ from matplotlib.figure import Figure
 
 from srsinv.__main__ import find_config_root, main
 from srsinv.command.typed import _unreadable
-from srsinv.progress import stage, steps
 from srsinv.report.data import dataset, metrics_json, scalars
 from srsinv.report.files import render
 from srsinv.report.result import Result
@@ -612,55 +610,3 @@ def test_wide_table_is_whole_when_piped(capsys):
     assert caption == "[bold]Caption"
     assert [cell.strip() for cell in heading.strip("|").split("|")] == list(columns)
     assert len(row) == len(heading)
-
-
-class Terminal(io.StringIO):
-    def isatty(self):
-        return True
-
-
-@pytest.mark.parametrize(
-    ("stream", "delay_s", "expected"),
-    [
-        (io.StringIO, 60.0, r""),
-        (io.StringIO, 0.0, r"compiling \.\.\.\n"),
-        (Terminal, 0.0, r"(\r\x1b\[Kcompiling \.\.\. 0 s)+\r\x1b\[K"),
-    ],
-)
-def test_progress_of_a_stage(monkeypatch, stream, delay_s, expected):
-    monkeypatch.setattr(sys, "stderr", stream())
-    with stage("compiling", delay_s=delay_s, refresh_s=0.01):
-        time.sleep(0.05)
-    assert re.fullmatch(expected, sys.stderr.getvalue())
-
-
-def test_progress_of_steps_has_a_bar_and_the_time_left(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    with steps("cases", "ab", delay_s=0.0, refresh_s=0.01) as each:
-        for item in each:
-            with stage(f"case {item}", delay_s=0.0, refresh_s=0.01):
-                time.sleep(0.1)
-    said = sys.stderr.getvalue()
-    assert "cases ... [....................] 0 of 2; case a ... 0 s" in said
-    assert "cases ... [##########..........] 1 of 2, about 0 s left; case b ... 0 s" in said
-    assert said.endswith("\r\x1b[K")
-
-
-def test_progress_of_steps_without_a_terminal_is_one_line(monkeypatch):
-    monkeypatch.setattr(sys, "stderr", io.StringIO())
-    with steps("cases", "ab", delay_s=0.0) as each:
-        for _ in each:
-            time.sleep(0.05)
-    assert sys.stderr.getvalue() == "cases ...\n"
-
-
-def test_progress_ends_with_a_refusal(monkeypatch):
-    """Nothing is said after it."""
-    monkeypatch.setattr(sys, "stderr", Terminal())
-    often = {"delay_s": 0.0, "refresh_s": 0.01}
-    with pytest.raises(ZeroDivisionError), steps("cases", [0], **often) as each:  # noqa: PT012
-        for item in each:
-            1 / item
-    said = sys.stderr.getvalue()
-    time.sleep(0.05)
-    assert sys.stderr.getvalue() == said

@@ -13,6 +13,8 @@ from contextlib import contextmanager, suppress
 from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
+from .. import progress
+
 Value = TypeVar("Value")
 
 _ENDING = tuple(
@@ -39,6 +41,7 @@ def stoppable(main: Callable[..., int]) -> Callable[..., int]:
             with _listening():
                 code = main(*arguments, **settings)
         except Stopped as stopped:
+            progress.end()
             print(
                 f"srsinv: stopped by {stopped} before the end; what was begun is removed, and what "
                 "was done before stays as it was",

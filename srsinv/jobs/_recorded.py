@@ -5,6 +5,7 @@ from typing import Any
 from ..errors import choice, refuse
 from ..inverse.line.problem import LineProblem
 from ..inverse.problem import Problem
+from ..progress import stage
 from ..recording import Recording
 from ..recording.even import check_volts
 from ..resolution import cell_m
@@ -18,7 +19,8 @@ def on_cells(problem: Problem, purpose: str | None = None) -> LineProblem:
     recording that cannot be inverted.
     """
     depth = float(problem.sensor.depth_m)
-    return problem.to_grid(cell_m(purpose, depth) if purpose else None)
+    with stage("putting the signals on cells"):
+        return problem.to_grid(cell_m(purpose, depth) if purpose else None)
 
 
 def traction_unit_named(given: Any) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import config
 from ..errors import refuse
+from ..progress import stage
 from ..recording import merge
 from ..recording.even import sidecar_paths
 from ..recording.inspection import Inspection, inspect
@@ -33,7 +34,8 @@ def run(cfg: Mapping[str, Any]) -> Result:
     known = {key: value for key, value in settings.items() if key not in _NOT_FACTS}
     known = merge({}, known | {"sensor": cfg["sensor"]})
     files = sidecar_paths(settings)
-    inspection = inspect(path, reader=config.reader(cfg), **files, **known)
+    with stage(f"inspecting {path}"):
+        inspection = inspect(path, reader=config.reader(cfg), **files, **known)
     stem = Path(path).stem.encode()[:_LONGEST_STEM].decode(errors="ignore")
     template, blank = f"{stem}.yaml", blanks(inspection)
     coordinates, variables = _columns(inspection)

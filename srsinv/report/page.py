@@ -14,6 +14,7 @@ import numpy as np
 import xarray
 
 from .. import __version__
+from ..progress import steps
 from .data import metrics
 from .section import Section
 from .text import format_value, is_numeric
@@ -48,20 +49,25 @@ class Page:
         ]
 
     @property
-    def figures(self) -> dict[str, tuple["Figure", str]]:
-        """The figures that are drawn, with their captions, by name."""
-        return {
-            each.name: (each.draw(), each.caption)
+    def _drawings(self) -> list[Drawing]:
+        return [
+            each
             for _, is_folded, own in self._filled
             if self._drawn == "all" or (self._drawn == "page" and not is_folded)
             for each in own
             if isinstance(each, Drawing)
-        }
+        ]
+
+    @property
+    def figures(self) -> dict[str, tuple["Figure", str]]:
+        """The figures that are drawn, with their captions, by name."""
+        return {each.name: (each.draw(), each.caption) for each in self._drawings}
 
     @cached_property
     def images(self) -> dict[str, bytes]:
         """The figures that are drawn as PNG, by name."""
-        return {name: _png(figure) for name, (figure, _) in self.figures.items()}
+        with steps("drawing figures", self._drawings) as each:
+            return {drawing.name: _png(drawing.draw()) for drawing in each}
 
     def html(self, command: str = "") -> str:
         """The page as HTML, its figures within it, and the `command` that made it."""

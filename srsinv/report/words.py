@@ -68,7 +68,7 @@ def blocks(section: Section, data: xarray.Dataset) -> tuple[Block, ...]:
         stem: str, draw: Callable[..., "Figure"], caption: str, /, of: Any = None, **settings: Any
     ) -> str:
         drawn = functools.partial(draw, data if of is None else of, **settings)
-        python = _python(draw, settings) if of is None else ""
+        python = _python(stem, draw, settings) if of is None else ""
         return hold(Drawing(stem, caption, drawn, python))
 
     def table(columns: Mapping[str, Any], caption: str = "") -> str:
@@ -156,13 +156,14 @@ def _plot() -> ModuleType:
     return plot
 
 
-def _python(draw: Any, settings: Mapping[str, Any]) -> str:
+def _python(stem: str, draw: Any, settings: Mapping[str, Any]) -> str:
     """The Python that draws a figure from a result's file; empty where it is no single call."""
     is_plain = all(isinstance(each, str | int | float | bool) for each in settings.values())
     if not isinstance(draw, _Plot) or not is_plain:
         return ""
     given = "".join(f", {name}={each!r}" for name, each in settings.items())
-    return f'srsinv.plot.{draw.name}(xarray.open_dataset("result.nc"){given})'
+    opened = 'xarray.open_dataset("result.nc")'
+    return f'srsinv.plot.{draw.name}({opened}{given}).savefig("{stem}.png")'
 
 
 class _Place(str):

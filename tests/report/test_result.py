@@ -171,7 +171,10 @@ def test_the_page_says_what_draws_a_figure_that_it_lacks(result, tmp_path, monke
     (python,) = re.findall(r"<code>(srsinv\.plot\..*?)</code>", page)
     monkeypatch.chdir(tmp_path)
     DATA.to_netcdf("result.nc", engine="h5netcdf")
-    figure = eval(python, {"srsinv": srsinv, "xarray": xarray})
+    names = {"srsinv": srsinv, "xarray": xarray}
+    eval(python, names)
+    assert (tmp_path / "wave.png").stat().st_size > 1000
+    figure = eval(python.partition(".savefig")[0], names)
     np.testing.assert_allclose(figure.axes[0].lines[0].get_ydata(), 1e3 * DATA["wave"])
 
 

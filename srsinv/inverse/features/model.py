@@ -143,9 +143,7 @@ class FeatureModel(eqx.Module):
     def about(self, known: UncertainSetup, off: Float[np.ndarray, " j"]) -> "FeatureModel":
         """The same features where the facts of the rig are numbers `off` from what is stated, and
         may be off further."""
-        uncertain, operator = UncertainOperator.about(
-            known, off, lambda setup: self.with_setup(setup, known.motion).operator
-        )
+        uncertain, operator = _about(self, known, as_real(off))
         return dataclasses.replace(self, operator=operator, uncertain=uncertain)
 
     def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
@@ -196,6 +194,15 @@ class FeatureModel(eqx.Module):
 
 def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
     return jnp.stack(directions) if len(directions) > 1 else directions[0]
+
+
+@compiled
+def _about(
+    model: FeatureModel, known: UncertainSetup, off: Float[Array, " j"]
+) -> tuple[UncertainOperator, MotionOperator]:
+    return UncertainOperator.about(
+        known, off, lambda setup: model.with_setup(setup, known.motion).operator
+    )
 
 
 @compiled

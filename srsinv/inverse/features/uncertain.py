@@ -10,12 +10,11 @@ import dataclasses
 from collections.abc import Callable
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
-import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ...forward.operator import MotionOperator, PositionInterpolation
-from ...grid import as_real
 from ..rig.error import UncertainSetup
 from ..rig.setup import Setup
 
@@ -36,20 +35,22 @@ class UncertainOperator(eqx.Module):
     def about(
         cls,
         setup: UncertainSetup,
-        at: Float[np.ndarray, " j"],
+        at: Float[Array, " j"],
         operator_of: Callable[[Setup], MotionOperator],
     ) -> tuple["UncertainOperator", MotionOperator]:
         """That about numbers `at`, and the operator there, gains aside; `operator_of` gives that of
-        any setup."""
+        any setup. To be compiled: every step is the same program."""
         bare = setup.without_gains()
-        here, transfers, ends = operator_of(bare(at)), [], []
-        for step in np.eye(len(at)):
+
+        def change(step):
             above, below = (operator_of(bare(at + sign * step)) for sign in (1, -1))
-            transfers.append((above.field.transfer - below.field.transfer) / 2)
-            if above.end is not None and below.end is not None:
-                ends.append((above.end - below.end) / 2)
-        stacked = jnp.stack(ends) if ends else None
-        return cls(setup, as_real(at), jnp.stack(transfers), stacked), here
+            transfer = (above.field.transfer - below.field.transfer) / 2
+            if above.end is None or below.end is None:
+                return transfer, None
+            return transfer, (above.end - below.end) / 2
+
+        transfers, ends = jax.lax.map(change, jnp.eye(at.size, dtype=at.dtype))
+        return cls(setup, at, transfers, ends), operator_of(bare(at))
 
     def __call__(self, here: MotionOperator, off: Float[Array, " j"]) -> MotionOperator:
         """The operator at these numbers, from the one at `at`."""

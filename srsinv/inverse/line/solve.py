@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import equinox as eqx
 import jax
@@ -176,9 +176,7 @@ class Scorer(eqx.Module):
         weights. It is compiled with the scores, of which it may need some terms alone."""
         samples = self.problem.sample_count
         if isinstance(gaps := self.reduced, Gaps):
-            each = (PriorScore(self.problem, self.family(w), gaps) for w in log_weights)
-            found = [score.whole if criterion is _as_it_is else criterion(score, samples)
-                     for score in each]  # fmt: skip
+            found = [self._of_gaps(criterion, self.family(w), gaps) for w in log_weights]
             return jax.tree.map(lambda *terms: np.array(terms), *found)
         count, is_direct = len(log_weights), isinstance(self.reduced, direct.Scored)
         padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))
@@ -188,6 +186,11 @@ class Scorer(eqx.Module):
             values = _values(*of, padded, count, samples)
         # Sliced by numpy, which takes a hundredth of what jax's dispatch takes.
         return jax.tree.map(lambda each: np.asarray(each)[:count], values)
+
+    def _of_gaps(self, criterion: Criterion, prior: Prior, gaps: Gaps) -> Any:
+        score = PriorScore(self.problem, prior, gaps)
+        given = score.whole if criterion is _as_it_is else cast(Score, score)
+        return criterion(given, self.problem.sample_count)
 
 
 def _as_it_is(score: Score, samples: int) -> Score:
