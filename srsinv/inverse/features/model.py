@@ -21,7 +21,7 @@ from ...grid import Line, Open, Periodic, as_real
 from ...numerics import fast_length
 from ..gridding.cells import Window, check_cells
 from ..rig.error import UncertainSetup
-from ..rig.setup import Setup
+from ..rig.setup import OF_CONTACT, Setup
 from .contact import ContactLoading
 from .direct import DirectLoading
 from .loading import Features, Loading, turned
@@ -143,7 +143,9 @@ class FeatureModel(eqx.Module):
     def about(self, known: UncertainSetup, off: Float[np.ndarray, " j"]) -> "FeatureModel":
         """The same features where the facts of the rig are numbers `off` from what is stated, and
         may be off further."""
-        uncertain, operator = _about(self, known, as_real(off))
+        still = {*OF_CONTACT} | ({"speed"} if self.operator.end is None else set())
+        moving = known.directions_of(frozenset(still))
+        uncertain, operator = _about(self, known, as_real(off), moving)
         return dataclasses.replace(self, operator=operator, uncertain=uncertain)
 
     def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
@@ -198,10 +200,10 @@ def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
 
 @compiled
 def _about(
-    model: FeatureModel, known: UncertainSetup, off: Float[Array, " j"]
+    model: FeatureModel, known: UncertainSetup, off: Float[Array, " j"], moving: tuple[int, ...]
 ) -> tuple[UncertainOperator, MotionOperator]:
     return UncertainOperator.about(
-        known, off, lambda setup: model.with_setup(setup, known.motion).operator
+        known, off, moving, lambda setup: model.with_setup(setup, known.motion).operator
     )
 
 

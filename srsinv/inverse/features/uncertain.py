@@ -12,6 +12,7 @@ from collections.abc import Callable
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ...forward.operator import MotionOperator, PositionInterpolation
@@ -22,24 +23,28 @@ from ..rig.setup import Setup
 class UncertainOperator(eqx.Module):
     """The operator at numbers (j,) of variance one, by which the facts are off.
 
-    - `setup`: the facts; `at` (j,): where the transfer functions `transfers` (j, e, c, k) and the
-      responses `ends` (j, e, c, sample) are derivatives, gains aside.
+    - `setup`: the facts; `at` (j,): where the transfer functions `transfers` (d, e, c, k) and the
+      responses `ends` (d, e, c, sample) are derivatives, gains aside, by those of the numbers that
+      move them, `moving` (d,).
     """
 
     setup: UncertainSetup
     at: Float[Array, " j"]
-    transfers: Complex[Array, "j e c k"]
-    ends: Float[Array, "j e c sample"] | None
+    moving: tuple[int, ...] = eqx.field(static=True)
+    transfers: Complex[Array, "d e c k"]
+    ends: Float[Array, "d e c sample"] | None
 
     @classmethod
     def about(
         cls,
         setup: UncertainSetup,
         at: Float[Array, " j"],
+        moving: tuple[int, ...],
         operator_of: Callable[[Setup], MotionOperator],
     ) -> tuple["UncertainOperator", MotionOperator]:
-        """That about numbers `at`, and the operator there, gains aside; `operator_of` gives that of
-        any setup. To be compiled: every step is the same program."""
+        """That about numbers `at`, of which those in `moving` move the operator, and the operator
+        there, gains aside; `operator_of` gives that of any setup. To be compiled: every step is the
+        same program."""
         bare = setup.without_gains()
 
         def change(step):
@@ -49,12 +54,13 @@ class UncertainOperator(eqx.Module):
                 return transfer, None
             return transfer, (above.end - below.end) / 2
 
-        transfers, ends = jax.lax.map(change, jnp.eye(at.size, dtype=at.dtype))
-        return cls(setup, at, transfers, ends), operator_of(bare(at))
+        steps = jnp.eye(at.size, dtype=at.dtype)[np.array(moving, int)]
+        transfers, ends = jax.lax.map(change, steps)
+        return cls(setup, at, moving, transfers, ends), operator_of(bare(at))
 
     def __call__(self, here: MotionOperator, off: Float[Array, " j"]) -> MotionOperator:
         """The operator at these numbers, from the one at `at`."""
-        beside = off - self.at
+        beside = (off - self.at)[np.array(self.moving, int)]
         gains = self.setup.gains(off)[:, None, None]
         transfer = gains * (here.field.transfer + jnp.tensordot(beside, self.transfers, 1))
         end = here.end

@@ -55,9 +55,16 @@ class CriterionRule(Rule):
         # derivative, bounded, and the same answer every time.
         low, high = np.asarray(box)
 
+        known: dict[tuple[float, ...], float] = {}  # the grids share points
+
         def best(points):
-            values = np.asarray(scorer.values(self.criterion, points))
-            return points[np.argmin(np.where(np.isfinite(values), values, np.inf))]
+            rows = [tuple(row) for row in points.tolist()]
+            new = [row for row in dict.fromkeys(rows) if row not in known]
+            if new:
+                values = np.asarray(scorer.values(self.criterion, np.array(new)))
+                known.update(zip(new, values.tolist(), strict=True))
+            every = np.array([known[row] for row in rows])
+            return points[np.argmin(np.where(np.isfinite(every), every, np.inf))]
 
         fractions = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
         centre = best(low + fractions * (high - low))

@@ -302,6 +302,11 @@ class UncertainSetup(eqx.Module):
         ]
         return min(MOST_OFF, LEAST_LEFT / max(shares, default=1.0))
 
+    def directions_of(self, without: frozenset[str]) -> tuple[int, ...]:
+        """Those of the numbers that move a parameter other than gains and those named."""
+        moves = [not (name in without or name.startswith("gain_")) for name in self.names]
+        return tuple(np.flatnonzero(np.any(np.asarray(self.root)[moves] != 0, axis=0)).tolist())
+
     def __call__(self, off: Float[Any, " j"]) -> Setup:
         """The setup that is so far from what is stated."""
         setup, changes = Setup(self.sensor), self.root @ as_real(off)
