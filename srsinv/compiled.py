@@ -75,7 +75,8 @@ class _Store:
             function,
             tree,
             jax.config.x64_enabled,  # pyright: ignore[reportAttributeAccessIssue]
-            *(_kind(leaf) if eqx.is_array(leaf) else leaf for leaf in leaves),
+            # With its type: 1, 1.0 and True are equal, and make programs of their own.
+            *(_kind(leaf) if eqx.is_array(leaf) else (type(leaf), leaf) for leaf in leaves),
         )
         try:
             hash(key)
@@ -93,7 +94,8 @@ class _Store:
         except _Unnamed:
             return None
         path = self._folder / f"{name}{SUFFIX}"
-        with suppress(OSError, pickle.UnpicklingError, ValueError):
+        # Absent, damaged, or refused by XLA: it is made again in its place.
+        with suppress(OSError, ValueError, RuntimeError, zlib.error, pickle.UnpicklingError):
             return _program(*_read(path))
         with stage(f"compiling {function.__qualname__}, once"):
             made = _made(function, leaves, tree)
@@ -181,11 +183,13 @@ def _made(function: Callable[..., Any], leaves: list[Any], tree: Any) -> tuple[b
 
     of.__name__ = of.__qualname__ = function.__name__
     arrays = [leaf for leaf, each in zip(leaves, is_array, strict=True) if each]
+    with _without_cache():
+        made = jax.jit(of).lower(*arrays).compile()
+    sizes = len(arrays), sum(isinstance(part, _Array) for part in jax.tree.leaves(form[0]))
     try:
-        with _without_cache():
-            program, *_ = serialize_executable.serialize(jax.jit(of).lower(*arrays).compile())
-        sizes = len(arrays), sum(isinstance(part, _Array) for part in jax.tree.leaves(form[0]))
+        program, *_ = serialize_executable.serialize(made)
         return pickle.dumps((program, *sizes)), pickle.dumps(form[0])
+    # What jax and pickle raise for what only this process has: a callback, constants, a closure.
     except (NotImplementedError, ValueError, TypeError, AttributeError, pickle.PicklingError):
         return None
 

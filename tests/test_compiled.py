@@ -76,6 +76,36 @@ def test_values_are_inputs_and_forms_are_programs(tmp_path):
         assert len(programs(tmp_path)) == count + 2
 
 
+@compiled
+def kind_of(value, x):
+    return (x, type(value).__name__)
+
+
+def test_numbers_that_are_equal_are_told_apart(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_NAMED", (*module._NAMED, "tests"))
+    with stored(tmp_path):
+        said = [kind_of(value, jnp.asarray(0.0))[1] for value in (1, True, 1.0)]
+    assert said == ["int", "bool", "float"]
+    assert len(programs(tmp_path)) == 3
+
+
+def test_a_refusal_of_a_traced_function_is_raised_once(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_NAMED", (*module._NAMED, "tests"))
+    REFUSED.clear()
+    with stored(tmp_path), pytest.raises(ValueError, match="never"):
+        refused(jnp.asarray(0.0))
+    assert len(REFUSED) == 1
+
+
+REFUSED: list[str] = []
+
+
+@compiled
+def refused(x):
+    REFUSED.append("traced")
+    raise ValueError("never")
+
+
 def test_another_version_makes_its_own(tmp_path, monkeypatch):
     symbol(tmp_path, kernel())
     monkeypatch.setattr(module, "_version", lambda: "another")
