@@ -172,7 +172,9 @@ def _remove_unreadable(folder: Path) -> None:
 
 def _shrink(folder: Path, most_bytes: int) -> None:
     """Remove the least recently used entries where there are more than `most_bytes` of them."""
-    every = (path for ending in ("cache", "program") for path in folder.rglob(f"*-{ending}"))
+    from ..compiled import SUFFIX
+
+    every = (path for ending in ("-cache", SUFFIX) for path in folder.rglob(f"*{ending}"))
     entries = [(path, path.stat()) for path in every]
     size = sum(status.st_size for _, status in entries)
     if size <= most_bytes:

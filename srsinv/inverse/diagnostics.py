@@ -413,10 +413,8 @@ def false_minimum(chi2_per_dof: float | None, degrees_of_freedom: float | int) -
     times, None where the noise is not known."""
     if chi2_per_dof is None or not degrees_of_freedom >= 1:
         return ()
-    if (
-        scipy.special.chdtrc(degrees_of_freedom, chi2_per_dof * degrees_of_freedom)
-        >= false_alarm.CHECK
-    ):
+    chi2 = chi2_per_dof * degrees_of_freedom
+    if scipy.special.chdtrc(degrees_of_freedom, chi2) >= false_alarm.CHECK:
         return ()
     return (
         f"The residual is {np.sqrt(chi2_per_dof):.3g} times the noise, more than chance makes once "

@@ -145,7 +145,7 @@ class FeatureModel(eqx.Module):
         may be off further."""
         still = {*OF_CONTACT} | ({"speed"} if self.operator.end is None else set())
         moving = known.directions_of(frozenset(still))
-        uncertain, operator = _about(self, known, as_real(off), moving)
+        uncertain, operator = _uncertain_operator(self, known, as_real(off), moving)
         return dataclasses.replace(self, operator=operator, uncertain=uncertain)
 
     def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
@@ -199,7 +199,7 @@ def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
 
 
 @compiled
-def _about(
+def _uncertain_operator(
     model: FeatureModel, known: UncertainSetup, off: Float[Array, " j"], moving: tuple[int, ...]
 ) -> tuple[UncertainOperator, MotionOperator]:
     return UncertainOperator.about(
