@@ -151,6 +151,12 @@ class Stage(eqx.Module):
     ) -> Float[Array, "e c x"]:
         """Signal at x from unit uniform traction on the cell |x'| < cell_m/2."""
 
+    def series_radius_m(self, cell_m: Float[Array, ""]) -> Scalar:
+        """Distance |x| [m] beyond which [`cell_response`][] is a power series in 1/x, infinite
+        where none is known."""
+        del cell_m
+        return np.inf
+
 
 class Line(eqx.Module):
     """n cells of width `cell_m` [m] centred on x[j] = start_m + j cell_m.
@@ -242,16 +248,61 @@ class Open(Line):
     @compiled
     def operator(self, stage: Stage) -> Convolution:
         length = fast_length(2 * self.n)
-        lag = np.arange(length)
-        lag = np.where(lag < self.n, lag, lag - length)
-        response = stage.cell_response(self.cell_m * lag, self.cell_m)
+        ahead, back = _cell_responses(stage, self.n, self.cell_m)
         # Lags that no pair of cells has are padding, and must not wrap into the window.
-        response = jnp.where(np.abs(lag) < self.n, response, 0.0)
+        padding = jnp.zeros((*ahead.shape[:-1], length - 2 * self.n + 1), ahead.dtype)
+        response = jnp.concatenate([ahead, padding, back[..., :0:-1]], axis=-1)
         transfer = jnp.fft.rfft(response)
         return Convolution(transfer, self.cell_m, self.n, length, stage.has_dc_gain)
 
     def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c m"]:
         return jnp.diff(r, order, axis=-1) if order else r
+
+
+# Responses of one cell this many cells away and farther are taken from their power series in the
+# inverse distance, where it converges within a `CLEAR`-th of that distance: a polynomial through
+# `NODES` places leaves 1e-18 of the largest response.
+FAR, CLEAR, NODES = 256, 4.0, 16
+
+
+def _cell_responses(
+    stage: Stage, n: int, cell_m: Float[Array, ""]
+) -> tuple[Float[Array, "e c n"], Float[Array, "e c n"]]:
+    """The signal 0, 1, ..., n - 1 cells after a cell of unit traction, and before it."""
+    if n < 8 * FAR:
+        response = stage.cell_response(cell_m * np.arange(1 - n, n), cell_m)
+        return response[..., n - 1 :], response[..., n - 1 :: -1]
+    nodes = np.polynomial.chebyshev.chebpts1(NODES)  # in -1 to 1, as 2 FAR / lag - 1 is
+    near, away = np.arange(FAR), 2 * FAR / (1 + nodes)
+    places = np.concatenate([near, away, -near, -away])
+    parts = stage.cell_response(cell_m * places, cell_m)
+    sides = [parts[..., : places.size // 2], parts[..., places.size // 2 :]]
+    to_series = np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, NODES - 1)).T
+
+    def by_series():
+        at = 2 * FAR / jnp.arange(FAR, n, dtype=cell_m.dtype) - 1
+        return tuple(_chebyshev(at, side[..., FAR:] @ to_series) for side in sides)
+
+    def one_by_one():
+        distance_m = cell_m * np.arange(FAR, n)
+        return tuple(stage.cell_response(sign * distance_m, cell_m) for sign in (1, -1))
+
+    is_clear = CLEAR * stage.series_radius_m(cell_m) <= FAR * cell_m
+    beyond = jax.lax.cond(is_clear, by_series, one_by_one)
+    ahead, back = (
+        jnp.concatenate([side[..., :FAR], far], axis=-1)
+        for side, far in zip(sides, beyond, strict=True)
+    )
+    return ahead, back
+
+
+def _chebyshev(at: Float[Array, " x"], series: Float[Array, "*row m"]) -> Float[Array, "*row x"]:
+    """The sum of Chebyshev polynomials at these places, by Clenshaw's recurrence."""
+    at = at.reshape((1,) * (series.ndim - 1) + (-1,))
+    last, before = jnp.zeros_like(at), jnp.zeros_like(at)
+    for degree in range(series.shape[-1] - 1, 0, -1):
+        last, before = series[..., degree, None] + 2 * at * last - before, last
+    return series[..., 0, None] + at * last - before
 
 
 LINES = {"periodic": Periodic, "open": Open}  # by the name of what is beyond the ends

@@ -52,6 +52,11 @@ class LineEffect(eqx.Module):
     def spread(self, kernel: Kernel) -> Kernel:
         """The film's kernel after the effect."""
 
+    @property
+    def farthest_shift_m(self) -> Scalar:
+        """How far [m] it shifts a part of a kernel at most, infinite where that is not known."""
+        return np.inf
+
     def scaled(self, factor: Scalar) -> "LineEffect":
         """The effect with every length times `factor`, as over features that cross x obliquely.
 
@@ -119,6 +124,10 @@ class StripAverage(LineEffect):
         weights = np.tile(weights, self.panels) / (2 * self.panels)
         return spread_over(kernel, self.width_m / 2 * places, weights)
 
+    @property
+    def farthest_shift_m(self) -> Scalar:
+        return self.width_m / 2
+
     def scaled(self, factor: Scalar) -> "StripAverage":
         return StripAverage(factor * self.width_m, self.nodes, self.panels)
 
@@ -140,6 +149,10 @@ class Offset(LineEffect):
 
     def spread(self, kernel: Kernel) -> Kernel:
         return lambda x: kernel(x + self.offset_m)
+
+    @property
+    def farthest_shift_m(self) -> Scalar:
+        return jnp.abs(self.offset_m)
 
     def scaled(self, factor: Scalar) -> "Offset":
         return Offset(factor * self.offset_m)
@@ -168,6 +181,10 @@ class SampleAverage(LineEffect):
 
     def spread(self, kernel: Kernel) -> Kernel:
         return spread_over(kernel, self._shifts, np.full(self.count, 1 / self.count))
+
+    @property
+    def farthest_shift_m(self) -> Scalar:
+        return self.spacing_m * (self.count - 1) / 2
 
     def scaled(self, factor: Scalar) -> "SampleAverage":
         return SampleAverage(self.count, factor * self.spacing_m)
@@ -298,6 +315,13 @@ class Film(eqx.Module):
         weights = self.charge_per_stress()
         kernel = self.along_kernel(lambda x: jnp.tensordot(weights, stress(x), 1))
         return self.turned(kernel(x))
+
+    def series_radius_m(self, of_stress_m: Scalar) -> Scalar:
+        """Distance [m] beyond which its charge is a power series in 1/x, where the stress is one
+        beyond `of_stress_m`; infinite where that is not known."""
+        shifts = (effect.farthest_shift_m for effect in self.all_effects)
+        is_own = type(self).charge_response is Film.charge_response
+        return sum(shifts, start=of_stress_m) if is_own else np.inf
 
     @property
     def place(self) -> tuple[LineEffect, ...]:

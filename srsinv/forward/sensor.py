@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from ..errors import all_of_kind, of_kind, refuse
-from ..grid import Convolution, Line, Stage, as_real
+from ..grid import Convolution, Line, Scalar, Stage, as_real
 from ._checks import check_amplifier, check_poles, stress_in
 from .amplifier import Amplifier, CurrentAmplifier
 from .film import ORIENTATIONS_RAD, Film
@@ -51,6 +51,13 @@ class FilmSignal(Stage):
             return film.charge_response(stress, x, cell_m, self.order)
 
         return self.gain * jnp.stack([one(film) for film in self.elements])
+
+    def series_radius_m(self, cell_m: Float[Array, ""]) -> Scalar:
+        radii = [
+            film.series_radius_m(self.skin.series_radius_m(film.depth_m, cell_m))
+            for film in self.elements
+        ]
+        return jnp.max(jnp.stack([as_real(radius) for radius in radii]))
 
 
 class FilmStress(Stage):

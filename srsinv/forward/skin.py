@@ -78,6 +78,12 @@ class Skin(eqx.Module):
     ) -> Float[Array, "4 2 x"]:
         """d/dx of [`strip_response`][], in 1/m."""
 
+    def series_radius_m(self, depth_m: Float[Array, ""], width_m: Float[Array, ""]) -> Scalar:
+        """Distance |x| [m] beyond which [`strip_response`][] is a power series in 1/x, infinite
+        where none is known."""
+        del depth_m, width_m
+        return np.inf
+
     @abc.abstractmethod
     def compliance(self, k: Float[Array, " k"]) -> Inexact[Array, " k"]:
         """The surface's displacement into the finger per unit pressure exp(ikx) [m/Pa], k > 0.
@@ -209,6 +215,11 @@ class HalfSpace(Skin):
         d3 = r1 * r2 * (a1 * r2 + s1 * s2 + r1 * a2) + 2 * (s1 * s2) ** 2 - s1 * s2 * a1 * a2
         scale = -2 * width_m / (jnp.pi * depth_m**2)
         return scale * self._rows(d0, d1, d2, d3)
+
+    def series_radius_m(self, depth_m: Float[Array, ""], width_m: Float[Array, ""]) -> Scalar:
+        own = HalfSpace.strip_response, HalfSpace.strip_slope
+        is_own = (type(self).strip_response, type(self).strip_slope) == own
+        return depth_m + width_m / 2 if is_own else np.inf
 
     def _rows(self, b0, b1, b2, b3) -> Array:
         return _stress_rows(jnp, self.poisson_ratio, b0, b1, b2, b3)

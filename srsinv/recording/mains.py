@@ -66,27 +66,40 @@ class _Spectrum:
 
     def line(self, expected_Hz: float, chance: float) -> MainsLine | None:
         """The line there, None where noise alone makes as much with this probability."""
-        off = np.abs(self.frequency_Hz - expected_Hz)
-        near, around = off <= REACH_HZ, (off <= BESIDE_HZ) & (self.frequency_Hz > 0)
+        reach, first = BESIDE_HZ / self.bin_Hz + LOBE, expected_Hz / self.bin_Hz
+        own = slice(max(0, int(first - reach)), int(np.ceil(first + reach)) + 1)
+        frequency_Hz, power = self.frequency_Hz[own], self.power[:, own]
+        off = np.abs(frequency_Hz - expected_Hz)
+        near, around = off <= REACH_HZ, (off <= BESIDE_HZ) & (frequency_Hz > 0)
         if not near.any() or around.sum() < 8:
             return None
-        floor = np.median(self.power[:, around], axis=-1, keepdims=True) / np.log(2)
+        floor = np.median(power[:, around], axis=-1, keepdims=True) / np.log(2)
         is_noisy = floor[:, 0] > 0
         if not is_noisy.any():
             return None
         # Of noise, each is exponential: their sum over elements is a gamma variate.
-        relative = np.sum(self.power[is_noisy] / floor[is_noisy], axis=0)
+        relative = np.sum(power[is_noisy] / floor[is_noisy], axis=0)
         top = int(np.argmax(np.where(near, relative, -1.0)))
         if not relative[top] > scipy.special.gammainccinv(is_noisy.sum(), chance / near.sum()):
             return None
         first, last = _around(around & (relative > ABOVE * is_noisy.sum()), top)
-        weights, frequencies = relative[first : last + 1], self.frequency_Hz[first : last + 1]
+        weights, frequencies = relative[first : last + 1], frequency_Hz[first : last + 1]
         centre = float(weights @ frequencies / weights.sum())
         spread = float(np.max(np.abs(frequencies - centre)))
         half = spread + self.bin_Hz / 2
-        inside = np.abs(self.frequency_Hz - centre) <= spread + LOBE * self.bin_Hz
-        excess_power = np.sum(self.power[:, inside] - floor, axis=-1)
+        inside = np.abs(frequency_Hz - centre) <= spread + LOBE * self.bin_Hz
+        excess_power = np.sum(power[:, inside] - floor, axis=-1)
         return MainsLine(centre, half, np.sqrt(np.maximum(excess_power, 0.0)))
+
+    def harmonics(self) -> tuple[MainsLine, ...]:
+        """Those of 50 or of 60 Hz, whichever have more power, that noise does not make."""
+        best: list[MainsLine] = []
+        highest = HIGHEST * self.frequency_Hz[-1]
+        for fundamental in FUNDAMENTALS_HZ:
+            each = fundamental * np.arange(1, int(highest / fundamental) + 1)
+            lines = [self.line(float(hz), false_alarm.MAINS_LINE) for hz in each]
+            best = max(best, [line for line in lines if line is not None], key=_power)
+        return tuple(best)
 
     def stands_out(self, line: MainsLine) -> bool:
         """Whether a line is above all that is beside it, as no lobe of a smooth spectrum is. Of the
@@ -124,25 +137,17 @@ def mains_lines(
     as strong as they are, or may be where the signal itself hides them; or, where none are named,
     those of the harmonics of 50 or of 60 Hz that noise does not make."""
     spectrum = _Spectrum(signal, rate_hz)
-    highest = HIGHEST * rate_hz / 2
-    if named is not None:
-        each = [hz for hz in named if hz < highest]
-        lines = (
-            spectrum.line(hz, false_alarm.MAINS_LINE) or spectrum.hidden_line(hz) for hz in each
-        )
-        return tuple(line for line in lines if line.rms.any())
-    best: list[MainsLine] = []
-    for fundamental in FUNDAMENTALS_HZ:
-        harmonics = fundamental * np.arange(1, int(highest / fundamental) + 1)
-        lines = [spectrum.line(float(each), false_alarm.MAINS_LINE) for each in harmonics]
-        best = max(best, [line for line in lines if line is not None], key=_power)
-    return tuple(best)
+    if named is None:
+        return spectrum.harmonics()
+    each = [hz for hz in named if hz < HIGHEST * rate_hz / 2]
+    lines = (spectrum.line(hz, false_alarm.MAINS_LINE) or spectrum.hidden_line(hz) for hz in each)
+    return tuple(line for line in lines if line.rms.any())
 
 
 def standing_lines(signal: Float[np.ndarray, "e sample"], rate_hz: float) -> tuple[MainsLine, ...]:
     """Those of the harmonics of 50 or of 60 Hz that stand out of all that is beside them."""
     spectrum = _Spectrum(signal, rate_hz)
-    return tuple(filter(spectrum.stands_out, mains_lines(signal, rate_hz)))
+    return tuple(filter(spectrum.stands_out, spectrum.harmonics()))
 
 
 def _power(lines: Sequence[MainsLine]) -> float:

@@ -7,7 +7,7 @@ the pattern of missing samples (a spline follows noise and has less of it), and 
 noise of level one on the same pattern.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -37,10 +37,12 @@ def white_levels(
     where the signal is constant or rounded, and where hardly any sample is valid: of one element it
     is taken as that of all.
     """
-    common = _white_level(signal, depth_m, spacing_m)
+    levels = _WhiteLevels(signal, depth_m, spacing_m)
+    every = range(len(signal))
+    common = levels.of(every)
     if len(signal) < 2:
         return np.array([common])
-    own = np.array([_white_level(row[None], depth_m, spacing_m) for row in signal])
+    own = np.array([levels.of([row]) for row in every])
     is_there = own > 0
     if is_there.sum() < 2:
         return np.array([common])
@@ -63,25 +65,48 @@ def level_stderr(
     return float(np.sqrt(MEDIAN_VARIANCE / max(float(counts.min(initial=np.inf)), 1.0)))
 
 
-def _white_level(
-    signal: Float[np.ndarray, "element sample"], depth_m: float, spacing_m: float
-) -> float:
-    """The level of all elements together."""
-    if np.isfinite(signal).all():
-        return float(np.sqrt(np.median(_upper(signal, depth_m, spacing_m)) / np.log(2)))
-    n = signal.shape[-1]
-    stretches = [list(_stretches(row)) for row in np.isfinite(signal)]
-    median = _median(signal, stretches, depth_m, spacing_m)
-    if not median > 0:
-        return 0.0
-    rng = np.random.default_rng(0)
-    draws = int(np.clip(DRAWN // n, 1, MOST_DRAWS))
-    of_white = [
-        _median(np.where(np.isfinite(signal), rng.normal(size=signal.shape), np.nan),
-                stretches, depth_m, spacing_m)
-        for _ in range(draws)
-    ]  # fmt: skip
-    return float(np.sqrt(median / np.mean(of_white)))
+class _WhiteLevels:
+    """Levels of the white noise of a signal's elements."""
+
+    def __init__(self, signal: Float[np.ndarray, "e sample"], depth_m: float, spacing_m: float):
+        self._signal, self._at = signal, (depth_m, spacing_m)
+        self._observed = np.isfinite(signal)
+        self._parts = [list(_stretches(row)) for row in self._observed]
+        self._powers = [self._power(row, values) for row, values in enumerate(signal)]
+
+    def of(self, rows: Sequence[int]) -> float:
+        """The level of these elements together."""
+        median = _median([self._powers[row] for row in rows])
+        if self._observed[rows].all():
+            return float(np.sqrt(median / np.log(2)))
+        if not median > 0:
+            return 0.0
+        rng, n = np.random.default_rng(0), self._signal.shape[-1]
+        draws = int(np.clip(DRAWN // n, 1, MOST_DRAWS))
+        of_white = [
+            _median([
+                self._power(row, np.where(self._observed[row], values, np.nan))
+                for row, values in zip(rows, rng.normal(size=(len(rows), n)), strict=True)
+            ])
+            for _ in range(draws)
+        ]  # fmt: skip
+        return float(np.sqrt(median / np.mean(of_white)))
+
+    def _power(self, row: int, values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " k"]:
+        """The periodograms of an element's stretches, of these values, together."""
+        if self._observed[row].all():
+            return _upper(values[None], *self._at)[0]
+        powers = [
+            _upper(filled(values[part])[None], *self._at)[0]
+            for part in self._parts[row]
+            if np.isfinite(values[part]).sum() > CUBIC
+        ]
+        return np.concatenate([np.zeros(0), *powers])
+
+
+def _median(powers: Sequence[Float[np.ndarray, " k"]]) -> float:
+    together = np.concatenate(powers)
+    return float(np.median(together)) if together.size else 0.0
 
 
 def _stretches(observed: np.ndarray) -> Iterator[slice]:
@@ -102,27 +127,19 @@ def stretches_of(observed: Bool[np.ndarray, " sample"], shortest: int) -> list[s
     return [slice(int(a), int(b)) for a, b in ends if b - a >= shortest]
 
 
-def _median(signal, stretches: list[list[slice]], depth_m: float, spacing_m: float) -> float:
-    """Median of the periodograms of all stretches together."""
-    powers = [
-        _upper(filled(row[stretch])[None], depth_m, spacing_m).ravel()
-        for row, parts in zip(signal, stretches, strict=True)
-        for stretch in parts
-        if np.isfinite(row[stretch]).sum() > CUBIC
-    ]
-    return float(np.median(np.concatenate(powers))) if powers else 0.0
-
-
 def filled(values: Float[np.ndarray, " sample"]) -> Float[np.ndarray, " sample"]:
     """The values with missing ones interpolated: by a cubic spline, or linearly where any gap is
     long, as a spline would overshoot."""
     observed = np.isfinite(values)
     if observed.all():
         return values
-    at, every = np.flatnonzero(observed), np.arange(values.size)
-    smooth = bool(np.max(np.diff(at)) <= LONG_GAP + 1)
-    spline = scipy.interpolate.make_interp_spline(at, values[observed], CUBIC if smooth else 1)
-    return np.where(observed, values, spline(every))
+    at, missing = np.flatnonzero(observed), np.flatnonzero(~observed)
+    result, known = values.copy(), values[at]
+    if int(np.max(np.diff(at))) > LONG_GAP + 1:
+        result[missing] = scipy.interpolate.make_interp_spline(at, known, 1)(missing)
+    else:
+        result[missing] = scipy.interpolate.CubicSpline(at, known)(missing)
+    return result
 
 
 def _upper(

@@ -58,7 +58,9 @@ def outliers(
         return found, times
     high_pass = _HighPass(signal.shape[1], cutoff)
     around = max(SHORTEST_AROUND, int(DEPTHS_AROUND * depth_m / fastest * rate_hz))
-    jumps = np.abs(high_pass(speed_m_per_s, np.ones(speed_m_per_s.shape, bool))[0]) / fastest
+    jumps = np.zeros(speed_m_per_s.shape)
+    if np.ptp(speed_m_per_s):
+        jumps = np.abs(high_pass(speed_m_per_s, np.ones(jumps.shape, bool))[0]) / fastest
     alarm = false_alarm.OUTLIER / signal.size
     for row, values in enumerate(signal):
         size = np.nanmax(np.abs(values), initial=0.0)

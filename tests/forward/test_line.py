@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from srsinv.forward.film import Film, Offset, StripAverage
+from srsinv.forward.film import Film, Offset, SampleAverage, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.scene import TractionScene
 from srsinv.forward.sensor import Sensor
@@ -153,6 +153,46 @@ def test_the_open_line_is_a_sum_over_cells_and_wraps_nothing(line):
     kernel = np.asarray(eqx.filter_jit(stage.cell_response)(line.cell_m * lags, line.cell_m))
     expected = np.einsum("ecij,cj->ei", kernel[..., lag + line.n - 1], r)
     assert largest_error(apply(line, stage, jnp.asarray(r)), expected) < 1e-13
+
+
+class Echoing(HalfSpace):
+    """A half space that answers once more, far behind the load."""
+
+    def strip_slope(self, x, depth_m, width_m):
+        again = super().strip_slope(x + 0.08, depth_m, width_m)
+        return super().strip_slope(x, depth_m, width_m) + again
+
+
+STRIP = Film(0.75e-3, 0.5, effects=(SampleAverage(3, 4e-5), StripAverage(0.5e-3, 16)))
+FAR_AWAY = {
+    "near": Sensor([STRIP]),
+    "a film far behind": Sensor([STRIP.with_effect(Offset(0.08))]),
+    "a skin of one's own": Sensor([STRIP], Echoing()),
+}
+
+
+@pytest.mark.parametrize("sensor", FAR_AWAY.values(), ids=FAR_AWAY)
+def test_responses_far_away_are_those_of_the_cells(sensor):
+    """A long line's are taken from a series where it converges: the same to rounding, and their
+    derivative after the depth."""
+    n, cell = 2500, 5e-5
+
+    def sensor_at(by):
+        deeper = sensor.with_films(
+            lambda film: eqx.tree_at(lambda f: f.depth_m, film, film.depth_m + by)
+        )
+        return deeper.output(SCAN)
+
+    def by_line(by):
+        operator = Open(n, cell).operator(sensor_at(by))
+        return jnp.fft.irfft(operator.transfer, operator.length)[..., np.arange(1 - n, n)]
+
+    def one_by_one(by):
+        return sensor_at(by).cell_response(jnp.arange(1 - n, n) * cell, jnp.asarray(cell))
+
+    ours, truth = (eqx.filter_jit(jax.jvp)(of, (0.0,), (1.0,)) for of in (by_line, one_by_one))
+    for one, other in zip(ours, truth, strict=True):
+        assert largest_error(one, other) < 1e-13
 
 
 def test_the_open_line_has_no_lags_but_those_of_its_cells():

@@ -109,6 +109,14 @@ class Coarse(NamedTuple):
         """The product with each hat."""
         return (self.hats.T @ r.T).T.ravel()
 
+    def image(self, values: Float[np.ndarray, " m"]) -> Traction:
+        """The equations times so much of each hat."""
+        return np.tensordot(values, self.images, 1)
+
+    def seen(self, r: Traction) -> Float[np.ndarray, " m"]:
+        """The product of each hat with the equations times r."""
+        return np.tensordot(self.images, r, 2)
+
     def diagonal(
         self, matrix: Float[np.ndarray, "m m"], zero_mean: Bool[np.ndarray, " c"]
     ) -> Traction:
@@ -246,10 +254,10 @@ class PosteriorMap:
         if self.coarse is None:
             z = self.near_times(r)
         else:
-            r = self.normal.centre(r)
-            among = self.coarse.times(r)
-            z = self.near_times(r - self.normal(among))
-            z = self.normal.centre(z - self.coarse.times(self.normal(z)) + among)
+            r, coarse = self.normal.centre(r), self.coarse
+            among = coarse.inverse @ coarse.gathered(r)
+            z = self.near_times(r - coarse.image(among))
+            z = self.normal.centre(z + coarse.spread(among - coarse.inverse @ coarse.seen(z)))
         return z if self.shapes is None else z + self.shapes.times(r)
 
     def defect(self) -> float:

