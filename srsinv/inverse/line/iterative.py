@@ -146,6 +146,7 @@ def _inverse(matrix: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
     return (vectors / values[has_energy]) @ vectors.T
 
 
+RIG = 1e-4  # of what an error of the rig makes of the estimate: bands are within 3 %
 DRAWS = 3  # of noise, that the map is tried with
 LEFT_TO_ROUNDING = 1 / float(np.finfo(float).eps)  # a condition number
 
@@ -300,10 +301,10 @@ class Marginal:
                 nuisance, equations.adjoint, lambda r: posterior.times(r, tolerance).value
             )
 
-    def mean(self, y: Signal) -> Solved:
-        """The posterior mean of the traction of a signal."""
+    def mean(self, y: Signal, least: float = 0.0) -> Solved:
+        """The posterior mean of the traction of a signal, to this tolerance at `least`."""
         right = self._posterior.equations.adjoint(self._weigh(y))
-        solved = self._posterior.times(right, self._tolerance)
+        solved = self._posterior.times(right, max(self._tolerance, least))
         if self._beside is None:
             return solved
         return solved._replace(value=self._beside.corrected(solved.value))
@@ -345,7 +346,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
         solved.append(marginal.mean(normal.forward(normal.centre(impulse))))
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
     changes = fewer_directions(problem.rig_signals(mean))
-    moved = [marginal.mean(each).value for each in changes]
+    moved = [marginal.mean(each, RIG).value for each in changes]
     spread = marginal.variance(np.asarray(problem.mean_weights))
     spread = spread + change_of_variance(problem, posterior.near)
     stderr = np.sqrt(np.maximum(spread, 0.0))
