@@ -5,7 +5,8 @@ An inverse by blocks, or by the nearest periodic problem, is wrong in a few shap
 steps find these.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
 
@@ -27,7 +28,8 @@ Lags = Float[np.ndarray, "e f n"]
 Some = slice | Int[np.ndarray, " some"]
 
 
-class Gaps(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Gaps:
     """The m missing samples of a line of n cells: their `element` and `cell`, in the order of cells
     around the line, and `blocks` of neighbours."""
 
@@ -66,10 +68,24 @@ class Gaps(NamedTuple):
         lag = (self.cell[rows, None] - self.cell[None, columns]) % self.shape[1]
         return lags[self.element[rows, None], self.element[None, columns], lag]
 
+    @cached_property
+    def _lags_in_blocks(self) -> Sequence[Int[np.ndarray, "b b"]]:
+        """Where in a kernel's numbers those of each block stand."""
+        (elements, n), found = self.shape, []
+        for block in self.blocks:
+            element, cell = self.element[block], self.cell[block].astype(np.int32)
+            row = (element * elements * n).astype(np.int32)[:, None] + (element * n)[None]
+            found.append((row + (cell[:, None] - cell) % n).astype(np.int32))
+        return found
+
+    def block_matrices(self, lags: Lags) -> Iterator[Float[np.ndarray, "b b"]]:
+        """The part of a kernel within each block."""
+        numbers = lags.ravel()
+        return (numbers.take(at) for at in self._lags_in_blocks)
+
     def inverses(self, lags: Lags) -> "BlockInverse":
         """The inverses of its blocks, of a kernel that is positive definite."""
-        blocks = self.blocks
-        return BlockInverse(blocks, [DenseInverse(self.matrix(lags, b, b)) for b in blocks])
+        return BlockInverse(self.blocks, [DenseInverse(of) for of in self.block_matrices(lags)])
 
 
 class DenseInverse:
@@ -93,8 +109,21 @@ class DenseInverse:
     @cached_property
     def whole(self) -> Float[np.ndarray, "b b"]:
         """The inverse itself, which takes twice as long as the factor."""
-        lower = np.tril(scipy.linalg.lapack.dpotri(self._factor, lower=1)[0])
-        return lower + np.tril(lower, -1).T
+        whole = self._lower + self._lower.T
+        whole.flat[:: len(whole) + 1] /= 2
+        return whole
+
+    @cached_property
+    def _lower(self) -> Float[np.ndarray, "b b"]:
+        """The inverse, zero above its diagonal."""
+        if self._factor is None:
+            return np.tril(self.whole)
+        return scipy.linalg.lapack.dpotri(self._factor, lower=1)[0]
+
+    def trace_with(self, matrix: Float[np.ndarray, "b b"]) -> float:
+        """The trace of the inverse times a symmetric matrix."""
+        lower = self._lower
+        return float(2 * np.vdot(lower.T, matrix) - np.diag(lower) @ np.diag(matrix))
 
     def solved(self, values: Float[np.ndarray, " b"]) -> Float[np.ndarray, " b"]:
         """The inverse times values, by the factor where the inverse itself is not needed."""

@@ -35,11 +35,11 @@ from .gaps import (
     conjugate_gradients,
     missing_shapes,
 )
-from .near_periodic import NearPeriodic
+from .near_periodic import NearPeriodic, PeriodicModel
 from .prior import Prior, Solution
 from .problem import LineProblem
-from .rig_bands import fewer_directions
-from .transforms import adjoint, from_spectrum, times, to_spectrum
+from .rig_bands import solved_directions
+from .transforms import adjoint, each_on_a_core, from_spectrum, times, to_spectrum
 
 # The hats are this part of the resolved wave's half length wide at the ends of the data, `FLAT` of
 # them inwards; further ones grow, into the data and into the margins beyond.
@@ -93,11 +93,13 @@ class Coarse(NamedTuple):
         """These equations on the hats."""
         n, size = hats.shape
         images = np.empty((unknowns * size, unknowns, n))
-        for c in range(unknowns):
-            for hat in range(size):
-                r = np.zeros((unknowns, n))
-                r[c] = hats[:, [hat]].toarray()[:, 0]
-                images[c * size + hat] = equations(r)
+
+        def put(at: int) -> None:
+            r = np.zeros((unknowns, n))
+            r[at // size] = hats[:, [at % size]].toarray()[:, 0]
+            images[at] = equations(r)
+
+        each_on_a_core(put, range(len(images)), n)
         matrix = np.array([(hats.T @ image.T).T.ravel() for image in images])
         return cls(hats, _inverse((matrix + matrix.T) / 2), images)
 
@@ -123,12 +125,14 @@ class Coarse(NamedTuple):
         """The diagonal of Z matrix Z^T for each component, Z the hats, less their means where it is
         zero_mean."""
         size, means = self.hats.shape[1], np.asarray(self.hats.mean(axis=0))
+        # Each cell lies between two hats.
+        beside, parts = self.hats.indices.reshape(-1, 2), self.hats.data.reshape(-1, 2)
         rows = []
         for c, is_centred in enumerate(zero_mean):
             part = matrix[c * size : (c + 1) * size, c * size : (c + 1) * size]
-            among = self.hats @ part
             less = is_centred * means
-            rows.append((among * self.hats).sum(axis=1) - 2 * among @ less + less @ part @ less)
+            own = np.einsum("na,nab,nb->n", parts, part[beside[:, :, None], beside[:, None]], parts)
+            rows.append(own - 2 * self.hats @ (part @ less) + less @ part @ less)
         return np.stack(rows)
 
     def times(self, r: Traction) -> Traction:
@@ -234,7 +238,7 @@ class PosteriorMap:
         self.equations = self.normal if own is problem else NormalEquations(own, prior, gaps)
         # The hats have the means, and the nearest problem none: its own are next to undetermined.
         fixed = {"zero_mean": np.ones(problem.unknowns, bool)} if is_open else {}
-        self.near = NearPeriodic(with_fields(problem, **fixed), prior, gaps)
+        self.near = NearPeriodic(PeriodicModel(with_fields(problem, **fixed), gaps), prior)
         self.filler = self.near.filler()
         hats = hats_of(self.near, problem.observed_cells) if is_open else None
         self.coarse = None if hats is None else Coarse.of(self.normal, hats, problem.unknowns)
@@ -335,18 +339,22 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
     """Posterior mean to a relative `tolerance`, and its standard error."""
     posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
     normal, n = posterior.equations, problem.line.n
-    near = NearPeriodic(at_one_level(problem), prior, normal.gaps)
+    near = NearPeriodic(PeriodicModel(at_one_level(problem), normal.gaps), prior)
     data = np.asarray(problem.data, float)
     posterior.find_shapes()
     marginal = Marginal(problem, posterior, tolerance)
-    solved = [marginal.mean(data)]
+    signals = [data]
     for c in range(problem.unknowns):
         impulse = np.zeros((problem.unknowns, n))
         impulse[c, n // 2] = 1.0
-        solved.append(marginal.mean(normal.forward(normal.centre(impulse))))
+        signals.append(normal.forward(normal.centre(impulse)))
+    solved = each_on_a_core(marginal.mean, signals, n)
     mean, *averaging = (jnp.asarray(each.value) for each in solved)
-    changes = fewer_directions(problem.rig_signals(mean))
-    moved = [marginal.mean(each, RIG).value for each in changes]
+    moved = solved_directions(
+        lambda changes: each_on_a_core(lambda y: marginal.mean(y, RIG).value, changes, n),
+        problem.changed_signals(mean),
+        problem.rig_rows,
+    )
     spread = marginal.variance(np.asarray(problem.mean_weights))
     spread = spread + change_of_variance(problem, posterior.near)
     stderr = np.sqrt(np.maximum(spread, 0.0))
@@ -358,7 +366,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
         as_real(near.resolved_dof(near.blocks())),
         # A sum of variances that ends at or below zero is rounding.
         _condition(problem, prior) if spread.min() > 0 else jnp.asarray(LEFT_TO_ROUNDING),
-        np.stack(moved) if moved else None,
+        moved,
     )
     converged = all(each.converged for each in solved)
     return IterativeSolution(solution, solved[0].steps, converged, posterior.defect())
@@ -379,7 +387,7 @@ def _condition(problem: LineProblem, prior: Prior) -> Float[Array, ""]:
 # What missing samples add is computed cell by cell up to so many widths of the response from each,
 # every width up to FAR times that, and beyond at distances that grow by e in so many steps.
 NEAR, FAR, RUNGS = 5, 8, 10
-TOGETHER = 16  # hats
+TOGETHER = 8  # hats
 AROUND = 192  # missing samples before and after a block that are inverted with it
 
 Variance = Float[np.ndarray, "c n"]
@@ -408,7 +416,8 @@ def _at_ends(posterior: "PosteriorMap", coarse: Coarse) -> Variance:
     normal, inverse, images = posterior.normal, coarse.inverse, coarse.images
     energy, total = [], 0.0
     for first in range(0, len(images), TOGETHER):
-        moved = np.stack([posterior.near_times(each) for each in images[first : first + TOGETHER]])
+        some = images[first : first + TOGETHER]
+        moved = np.stack(each_on_a_core(posterior.near_times, some, some.shape[-1]))
         energy.append(moved.reshape(len(moved), -1) @ images.reshape(len(images), -1).T)
         for row, each in zip(inverse[first:], moved, strict=False):
             total = total - 2 * normal.centre(coarse.spread(row)) * each

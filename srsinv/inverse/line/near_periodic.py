@@ -19,7 +19,7 @@ from ...grid import as_real, half_spectrum_weights
 from .gaps import MOST_STEPS, BlockInverse, Gaps, Map, conjugate_gradients, missing_shapes
 from .prior import Prior, Score
 from .problem import LineProblem
-from .spectral import factorise
+from .spectral import factorise, noise_whitener, orthogonalised, prior_root, white_model
 from .transforms import adjoint, from_spectrum, times, to_spectrum
 
 INNER_TOLERANCE = 1e-10
@@ -29,20 +29,38 @@ SCORE_TOLERANCE = 1e-4
 Matrices = Complex[np.ndarray, "row column k"]
 
 
+class PeriodicModel:
+    """The nearest periodic problem as it is whatever the prior, its gaps as they are.
+
+    - `white` (#e, k): N^-1/2; `model` (e, c, k): N^-1/2 G, and the same `orthogonal`; `data`
+      (e, k): the signals' spectrum.
+    """
+
+    def __init__(self, problem: LineProblem, gaps: Gaps):
+        self.line, self.gaps = problem.line, gaps
+        self.white, self.model = noise_whitener(problem), white_model(problem)
+        self.orthogonal = orthogonalised(self.model, np.asarray(problem.zero_mean))
+        self._signals = problem.data
+
+    @cached_property
+    def data(self) -> Complex[np.ndarray, "e k"]:
+        return to_spectrum(np.asarray(self._signals, float))
+
+
 class NearPeriodic:
-    """The nearest periodic problem under a prior, its gaps as they are.
+    """The nearest periodic problem under a prior.
 
     - `covariance` (c, c, k): C^-1, zero where neither data nor prior determine a mode;
       `expected` (e, c, k): N^-1 G C^-1; `unexpected` (e, e, k): Q, and `smooth` the same with its
       mean as that of long waves, for a mean is of all samples, and joins all that are missing.
     """
 
-    def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
-        self.gaps, self.n = gaps, problem.line.n
-        self.white = np.asarray(problem.whitener, float)
-        top, inverse = factorise(problem, prior)
+    def __init__(self, periodic: PeriodicModel, prior: Prior):
+        self.gaps, self.n = periodic.gaps, periodic.line.n
+        self.white, self.model = periodic.white, periodic.model
+        self.root = np.asarray(prior_root(periodic.line, prior), float)
+        top, inverse = factorise(periodic.orthogonal, self.root)
         each = self.white[:, None]
-        self.model = each * np.asarray(problem.forward.circulant().transfer, complex)
         self.inverse, self.top = inverse, top
         self.covariance = np.einsum("ijk,ljk->ilk", inverse, inverse.conj())
         self.expected = each * np.einsum("ecj,icj->eij", top, inverse.conj())
@@ -126,8 +144,9 @@ class NearPeriodic:
 
     def _trace(self, blocks: BlockInverse, matrices: Matrices) -> float:
         """The trace of Q_mm^-1 times a convolution, over the blocks."""
-        lags, pairs = self.lags(matrices), zip(blocks.blocks, blocks.inverses, strict=True)
-        total = sum(float(np.vdot(of.whole, self.gaps.matrix(lags, b, b))) for b, of in pairs)
+        matrices = (matrices + adjoint(matrices)) / 2  # the rest has no trace
+        each = self.gaps.block_matrices(self.lags(matrices))
+        total = sum(of.trace_with(m) for of, m in zip(blocks.inverses, each, strict=True))
         sums = self.row_sums(blocks)
         each = [to_spectrum(s) for s in sums.swapaxes(0, 1)]
         weights = half_spectrum_weights(self.n)
@@ -165,10 +184,10 @@ class PriorScore:
     missing samples; the latter is the same for all priors.
     """
 
-    def __init__(self, problem: LineProblem, prior: Prior, gaps: Gaps):
-        self._near, self._root = NearPeriodic(problem, prior, gaps), prior.root(problem.line)
+    def __init__(self, periodic: PeriodicModel, prior: Prior):
+        self._near, gaps = NearPeriodic(periodic, prior), periodic.gaps
         self._blocks, self._weights = self._near.blocks(), half_spectrum_weights(self._near.n)
-        self._spectrum = to_spectrum(np.asarray(problem.data, float))
+        self._spectrum = periodic.data
         self._surprise = times(self._near.unexpected, self._spectrum)
         if gaps.cell.size:
             right = gaps.picked(from_spectrum(self._surprise, self._near.n))
@@ -194,7 +213,7 @@ class PriorScore:
     def log_evidence(self) -> float:
         near, weights = self._near, self._weights
         square = float(np.sum(weights * np.real(self._surprise.conj() * self._spectrum)))
-        diagonal = np.abs(np.einsum("cck->ck", near.inverse)) * np.asarray(self._root)
+        diagonal = np.abs(np.einsum("cck->ck", near.inverse)) * near.root
         ratio = np.sum(np.log(np.where(diagonal > 0, diagonal, 1.0)), axis=0)
         determinant = near.log_determinant(self._blocks)
         return near.n * float(weights @ ratio) - square / 2 + determinant / 2

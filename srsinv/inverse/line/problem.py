@@ -205,7 +205,9 @@ class LineProblem(LineModel):
     - `rig_sources`: the source of the error in each of these directions (rig/error.py).
     - `rig_stretch_m`: how far off one standard deviation of the rig puts the sensor in each cell.
     - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
-      independent direction after those of another (see line/rig_bands.py). None: no rig.
+      direction after those of another (see line/rig_bands.py). None: no rig.
+    - `rig_rows` (k, j): the independent directions of the rig's error, as sums of the j changes.
+      None: each change is one.
 
     Raises `BadInput` where shapes disagree, a number is not finite, fewer than three samples are
     valid, the noise is zero, the model is zero, or one element is asked for p and q apart.
@@ -229,7 +231,8 @@ class LineProblem(LineModel):
     passes: AveragedPasses | None
     rig: SensorError | None
     rig_changes: Convolution | None
-    rig_stretch_m: Float[np.ndarray, "k n"] | None
+    rig_stretch_m: Float[np.ndarray, "j n"] | None
+    rig_rows: Float[np.ndarray, "k j"] | None
     rig_sources: tuple[str, ...] = eqx.field(static=True)
     modulus_Pa: float | None = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
@@ -270,7 +273,7 @@ class LineProblem(LineModel):
             forward = of_pressure(forward, friction)
             rig_changes = None if rig_changes is None else of_pressure(rig_changes, friction)
         self.rig_changes, self.rig_stretch_m = rig_changes, rig_stretch_m
-        self.rig_sources = tuple(rig_sources)
+        self.rig_rows, self.rig_sources = None, tuple(rig_sources)
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
         self.observed, self.sensor, self.scan = observed, sensor, scan
@@ -327,6 +330,11 @@ class LineProblem(LineModel):
     def rig_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "k e n"]:
         """What one standard deviation of the rig, in each independent direction, changes of the
         signals of a traction; nothing where samples are missing. None of a rig that is exact."""
+        changes, rows = self.changed_signals(traction), self.rig_rows
+        return changes if rows is None else np.einsum("kj,jen->ken", rows, changes)
+
+    def changed_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "j e n"]:
+        """The same for each of the rig's changes, of which `rig_rows` are the directions."""
         if self.rig_changes is None:
             return np.zeros((0, *self.data.shape))
         traction = jnp.asarray(traction)

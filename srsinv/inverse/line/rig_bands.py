@@ -12,7 +12,7 @@ and so a gain: x^T P x is about the resolved degrees of freedom m, and takes a g
 error s for wrong by s m standard errors (Rice 1986, on partial splines).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,33 @@ from .transforms import from_spectrum, to_spectrum
 MOST_DIRECTIONS = 64  # their part of a standard error is then right to 9 %
 
 
-def fewer_directions(changes: Float[np.ndarray, "j *shape"]) -> Float[np.ndarray, "i *shape"]:
-    """At most `MOST_DIRECTIONS` random combinations of independent directions, whose sum of outer
-    products has the mean of theirs, for paths to which each is a solve: a measured kernel has
-    hundreds."""
-    if len(changes) <= MOST_DIRECTIONS:
-        return changes
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], (MOST_DIRECTIONS, len(changes)))
-    return np.einsum("ij,j...->i...", signs / np.sqrt(MOST_DIRECTIONS), changes)
+
+def solved_directions(
+    solve: Callable[[Float[np.ndarray, "i e n"]], Sequence[np.ndarray]],
+    changes: Float[np.ndarray, "j e n"],
+    rows: Float[np.ndarray, "k j"] | None,
+) -> Float[np.ndarray, "k c n"] | None:
+    """What independent directions of the rig's error, `rows` of these changes of the signals, make
+    of the solution, by a path to which each is a solve; None of no change.
+
+    Of more than `MOST_DIRECTIONS` changes, as a measured kernel has, as many random combinations of
+    the directions, whose sum of outer products has the mean of theirs.
+    """
+    if not len(changes):
+        return None
+    if len(changes) > MOST_DIRECTIONS:
+        count = len(changes) if rows is None else len(rows)
+        signs = np.random.default_rng(0).choice([-1.0, 1.0], (MOST_DIRECTIONS, count))
+        mixed = signs / np.sqrt(MOST_DIRECTIONS)
+        mixed = mixed if rows is None else mixed @ rows
+        changes, rows = np.einsum("ij,jen->ien", mixed, changes), None
+    return _in_directions(np.stack(solve(changes)), rows)
+
+
+def _in_directions(
+    moved: Float[np.ndarray, "j c n"], rows: Float[np.ndarray, "k j"] | None
+) -> Float[np.ndarray, "k c n"]:
+    return moved if rows is None else np.einsum("kj,jcn->kcn", rows, moved)
 
 
 def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c n"] | None:
@@ -46,9 +65,9 @@ def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c 
         return solution.rig_errors
     precision = NoisePrecision(problem, Gaps.of(problem.is_observed))
     weigh = precision if problem.nuisance is None else Nuisance(problem, precision).weigh
-    signals = problem.rig_signals(solution.value)
+    signals = problem.changed_signals(solution.value)
     right = [np.asarray(problem.forward.adjoint(weigh(each)), float) for each in signals]
-    return _times_covariance(solution, np.stack(right))
+    return _in_directions(_times_covariance(solution, np.stack(right)), problem.rig_rows)
 
 
 def _times_covariance(

@@ -31,7 +31,7 @@ from . import direct, iterative, spectral
 from .answer import CheckedSolution, Runs, answer_of, spectral_answer
 from .gaps import Gaps
 from .model import chi2
-from .near_periodic import PriorScore
+from .near_periodic import PeriodicModel, PriorScore
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .rig_bands import rig_errors, with_rig_errors
@@ -148,7 +148,7 @@ class Scorer(eqx.Module):
 
     family: Family
     problem: LineProblem
-    reduced: "direct.Scored | tuple[spectral.Reduced, Numbers] | Gaps"
+    reduced: "direct.Scored | tuple[spectral.Reduced, Numbers] | PeriodicModel"
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
         path = choose_path(problem, path)
@@ -158,7 +158,7 @@ class Scorer(eqx.Module):
         if path == "direct":
             self.reduced = direct.scored(self.problem, family(np.zeros(self.problem.unknowns)))
         elif path == "iterative" and problem.observed is not None:
-            self.reduced = Gaps.of(problem.is_observed)
+            self.reduced = PeriodicModel(self.problem, Gaps.of(problem.is_observed))
         else:
             # In double precision: weights lie in flat minima, where rounding would choose.
             with jax.enable_x64(True):
@@ -175,8 +175,8 @@ class Scorer(eqx.Module):
         """The criterion, which takes a score and the number of samples, for each row of log10
         weights. It is compiled with the scores, of which it may need some terms alone."""
         samples = self.problem.sample_count
-        if isinstance(gaps := self.reduced, Gaps):
-            found = [self._of_gaps(criterion, self.family(w), gaps) for w in log_weights]
+        if isinstance(periodic := self.reduced, PeriodicModel):
+            found = [self._of_gaps(criterion, self.family(w), periodic) for w in log_weights]
             return jax.tree.map(lambda *terms: np.array(terms), *found)
         count, is_direct = len(log_weights), isinstance(self.reduced, direct.Scored)
         padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))
@@ -187,8 +187,8 @@ class Scorer(eqx.Module):
         # Sliced by numpy, which takes a hundredth of what jax's dispatch takes.
         return jax.tree.map(lambda each: np.asarray(each)[:count], values)
 
-    def _of_gaps(self, criterion: Criterion, prior: Prior, gaps: Gaps) -> Any:
-        score = PriorScore(self.problem, prior, gaps)
+    def _of_gaps(self, criterion: Criterion, prior: Prior, periodic: PeriodicModel) -> Any:
+        score = PriorScore(periodic, prior)
         given = score.whole if criterion is _as_it_is else cast(Score, score)
         return criterion(given, self.problem.sample_count)
 

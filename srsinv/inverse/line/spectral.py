@@ -196,10 +196,9 @@ def _condition(model: OrthogonalModel, roots: list[PerMode], trace: PerMode):
     return (xp.max(rows) * xp.max(trace)) ** 0.5
 
 
-def factorise(problem: LineProblem, prior: Prior) -> OrthogonalFactor:
-    """Orthogonalise [A; P^(1/2)] of the nearest periodic problem."""
-    root, model = prior_root(problem.line, prior), whitened(problem)
-    at = pivots(model, list(np.asarray(root, float)))
+def factorise(model: OrthogonalModel, root: Float[np.ndarray, "c k"]) -> OrthogonalFactor:
+    """Orthogonalise [A; P^(1/2)], of the prior's root."""
+    at = pivots(model, list(root))
     top, inverse = [model.columns[0]], [[at.inverse[0] ** 0.5]]
     if model.ratio is not None:
         top.append(at.prior[0] * model.ratio * model.columns[0] + model.columns[1])

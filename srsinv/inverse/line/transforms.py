@@ -2,14 +2,19 @@
 
 import functools
 import os
-from collections.abc import Callable, Sequence
+import threading
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 LONG = 100_000  # values: two such rows, one after the other, leave the processor's cache
 
+ON_A_CORE = "srsinv-rows"  # what threads of the pool are called
+
+Item = TypeVar("Item")
+Made = TypeVar("Made")
 Rows = np.ndarray | Sequence  # of arrays
 
 
@@ -39,15 +44,25 @@ def _row_by_row(
     def put(at: tuple[int, ...]) -> None:
         made[at] = transform(of[at])
 
-    list(_threads(os.getpid()).map(put, np.ndindex(of.shape[:-1])))
+    each_on_a_core(put, np.ndindex(of.shape[:-1]))
     return made
+
+
+def each_on_a_core(
+    function: Callable[[Item], Made], items: Iterable[Item], n: int = LONG
+) -> list[Made]:
+    """The function of each item, on all cores where it is about rows of `n` values that are long;
+    what it does itself so is done on its own core alone."""
+    if n < LONG or threading.current_thread().name.startswith(ON_A_CORE):
+        return list(map(function, items))
+    return list(_threads(os.getpid()).map(function, items))
 
 
 @functools.cache
 def _threads(process: int) -> ThreadPoolExecutor:
     """Threads of this process: one that is forked off has none of its parent's."""
     del process
-    return ThreadPoolExecutor(os.cpu_count())
+    return ThreadPoolExecutor(os.cpu_count(), ON_A_CORE)
 
 
 def times(matrices: Rows, spectrum: Rows) -> np.ndarray:

@@ -75,8 +75,7 @@ def _with_errors(
     problem: LineProblem, mean: Float[np.ndarray, " j"], left: Float[np.ndarray, "j j"]
 ) -> LineProblem:
     """The problem with errors of its facts that have this mean and this covariance."""
-    changes, stretch, sources = problem.rig_changes, problem.rig_stretch_m, problem.rig_sources
-    assert changes is not None
+    sources = problem.rig_sources
     variances, axes = np.linalg.eigh(left - left @ left)
     is_there = variances > LEAST
     of_noise = (axes[:, is_there] * np.sqrt(variances[is_there])).T
@@ -84,11 +83,4 @@ def _with_errors(
     if mean.any():
         rows = np.concatenate([rows, mean[None]])
         named.append(sources[int(np.argmax(np.abs(mean)))])
-    transfer = np.asarray(changes.transfer).reshape(len(sources), -1)
-    transfer = (rows @ transfer).reshape(-1, *changes.transfer.shape[1:])
-    return with_fields(
-        problem,
-        rig_changes=dataclasses.replace(changes, transfer=jnp.asarray(transfer)),
-        rig_stretch_m=None if stretch is None else rows @ np.asarray(stretch),
-        rig_sources=tuple(named),
-    )
+    return with_fields(problem, rig_rows=rows, rig_sources=tuple(named))

@@ -250,10 +250,12 @@ class RigError(SensorError):
         fitted: Shaped[np.ndarray, "e *sample"],
         signal_of: Callable[[Setup], Any],
     ) -> Shaped[np.ndarray, "k e *sample"]:
-        slopes = np.stack([
-            self._slope(name, sensor, np.asarray(fitted), signal_of) for name in self.names
-        ])  # fmt: skip
-        return np.einsum("ij,i...->j...", self.root, slopes)
+        columns = np.zeros((len(self.names), *fitted.shape), np.asarray(fitted).dtype)
+        for row, name in zip(self.root, self.names, strict=True):
+            slope = self._slope(name, sensor, np.asarray(fitted), signal_of)
+            for direction in np.flatnonzero(row):
+                columns[direction] += row[direction] * slope
+        return columns
 
     def _keeps_area(self, name: str) -> bool:
         """Whether a strip's area is in what a calibration found of its gain."""

@@ -10,7 +10,7 @@ import pytest
 from srsinv.grid import Open
 from srsinv.inverse.line.gaps import Gaps
 from srsinv.inverse.line.iterative import PosteriorMap, variance
-from srsinv.inverse.line.near_periodic import PriorScore
+from srsinv.inverse.line.near_periodic import PeriodicModel, PriorScore
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.tikhonov import DerivativePenalty, Tikhonov
@@ -282,7 +282,8 @@ def test_scores_with_gaps_are_those_of_conditioning(colour):
     problem = make_case(observed=gaps(), colour=colour).problem
     family = ScaledSpectra(jnp.stack([Exponential(1e3, 1e-3).power(problem)] * 2))
     chosen = [family(jnp.array(logs)) for logs in ([0.0, 0.0], [1.0, -1.0], [-1.0, 0.5])]
-    scores = [PriorScore(problem, prior, Gaps.of(problem.is_observed)).whole for prior in chosen]
+    periodic = PeriodicModel(problem, Gaps.of(problem.is_observed))
+    scores = [PriorScore(periodic, prior).whole for prior in chosen]
     rows, y = gaps().ravel(), np.asarray(problem.data)[gaps()]
     each = np.broadcast_to(problem.noise, (2, problem.noise.shape[1]))
     noise = blocks(each, N)[np.ix_(rows, rows)]

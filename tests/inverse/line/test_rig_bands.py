@@ -10,7 +10,7 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open
 from srsinv.inverse.features.method import FeatureFit
-from srsinv.inverse.line.rig_bands import MOST_DIRECTIONS, fewer_directions
+from srsinv.inverse.line.rig_bands import MOST_DIRECTIONS, solved_directions
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.error import STATED, RigError
 from srsinv.inverse.rig.setup import Setup
@@ -156,10 +156,14 @@ def test_bands_cover_where_the_rig_dominates():
 
 def test_many_directions_are_combined_into_fewer_with_the_same_spread():
     """The variance in each place scatters by sqrt(2/m) about that of all directions."""
-    few = np.random.default_rng(0).normal(size=(20, 2, 7))
-    np.testing.assert_array_equal(fewer_directions(few), few)
-    many = np.random.default_rng(1).normal(size=(500, 3, 400))
-    combined = fewer_directions(many)
+    rng = np.random.default_rng(1)
+    few, rows = rng.normal(size=(20, 2, 7)), rng.normal(size=(30, 20))
+    np.testing.assert_array_equal(solved_directions(list, few, None), few)
+    np.testing.assert_allclose(
+        solved_directions(list, few, rows), np.einsum("kj,jen->ken", rows, few)
+    )
+    many = rng.normal(size=(500, 3, 400))
+    combined = solved_directions(list, many, None)
     assert len(combined) == MOST_DIRECTIONS
     ratio = np.sum(combined**2, axis=0) / np.sum(many**2, axis=0)
     assert abs(ratio.mean() - 1) < 0.02
