@@ -150,7 +150,7 @@ def _inverse(matrix: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
     return (vectors / values[has_energy]) @ vectors.T
 
 
-RIG = 1e-4  # of what an error of the rig makes of the estimate: bands are within 3 %
+RIG = 1e-6  # of what an error of the rig makes of the estimate: bands are within 3 %
 DRAWS = 3  # of noise, that the map is tried with
 LEFT_TO_ROUNDING = 1 / float(np.finfo(float).eps)  # a condition number
 

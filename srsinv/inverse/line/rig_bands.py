@@ -30,7 +30,6 @@ from .transforms import from_spectrum, to_spectrum
 MOST_DIRECTIONS = 64  # their part of a standard error is then right to 9 %
 
 
-
 def solved_directions(
     solve: Callable[[Float[np.ndarray, "i e n"]], Sequence[np.ndarray]],
     changes: Float[np.ndarray, "j e n"],

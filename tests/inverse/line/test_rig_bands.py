@@ -126,7 +126,8 @@ def test_paths_and_other_lines_agree():
         for path in ("direct", "iterative")
     ]
     first, second = (np.asarray(one.rig_errors) for one in each)
-    np.testing.assert_allclose(first, second, atol=1e-6 * np.abs(first).max())
+    # The iterative path ends earlier, as its bands are within 3 %.
+    np.testing.assert_allclose(first, second, rtol=0, atol=1e-4 * np.abs(first).max())
     # Its own line gives its own band, and cells twice as wide the joint errors of their halves.
     direct, line = each[0], each[0].line
     np.testing.assert_allclose(direct.on(line).stderr, direct.stderr, rtol=1e-6)
