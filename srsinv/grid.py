@@ -13,6 +13,7 @@ Both turn a stage into the same [`Convolution`][], so nothing above this file kn
 import abc
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -22,6 +23,7 @@ from jaxtyping import Array, Complex, Float
 
 from .compiled import compiled
 from .errors import number, refuse
+from .known import by_numpy
 from .numerics import fast_length
 
 Scalar = float | Float[Array, ""]
@@ -73,13 +75,17 @@ class Convolution(Operator):
     length: int = eqx.field(static=True)
     has_dc_gain: bool = eqx.field(static=True, default=True)
 
-    def __call__(self, traction: Float[Array | np.ndarray, "c n"]) -> Float[Array, "e n"]:
+    def __call__(self, traction: Float[Array | np.ndarray, "c n"]) -> Float[Any, "e n"]:
         shape = self.transfer.shape[1], self.n
         refuse(
             traction.shape != shape,
             f"The traction has the shape {traction.shape}: give (component, cell), as the line has "
             f"it: {shape}.",
         )
+        if isinstance(self.transfer, np.ndarray):
+            spectrum = np.fft.rfft(np.asarray(traction), self.length)
+            total = np.einsum("eck,ck->ek", self.transfer, spectrum)
+            return np.fft.irfft(total, self.length)[:, : self.n]
         return _convolved(self.transfer, traction, self.n, self.length)
 
     def adjoint(self, signal: Float[Array | np.ndarray, "e n"]) -> Float[Array, "c n"]:
@@ -97,20 +103,29 @@ class Convolution(Operator):
 
     def circulant(self) -> "Convolution":
         """The circular convolution nearest to this one: itself, or its n most central lags."""
-        return self if self.is_circular else self._wrapped()
-
-    @compiled
-    def _wrapped(self) -> "Convolution":
-        kernel = jnp.fft.irfft(self.transfer, self.length)
-        ahead = self.n // 2 + 1
-        wrapped = jnp.concatenate(
-            [kernel[..., :ahead], kernel[..., self.length - (self.n - ahead) :]], axis=-1
-        )
-        return Convolution(jnp.fft.rfft(wrapped), self.cell_m, self.n, self.n, self.has_dc_gain)
+        if self.is_circular:
+            return self
+        transfer = _wrapped(self.transfer, self.n, self.length)
+        return Convolution(transfer, self.cell_m, self.n, self.n, self.has_dc_gain)
 
     @property
     def is_circular(self) -> bool:
         return self.length == self.n
+
+
+@by_numpy
+def _centres(n: int, start_m: Any, cell_m: Any, xp: Any = jnp) -> Float[Any, " n"]:
+    return start_m + cell_m * xp.arange(n, dtype=xp.result_type(start_m))
+
+
+@by_numpy
+def _wrapped(
+    transfer: Complex[Any, "e c k"], n: int, length: int, xp: Any = jnp
+) -> Complex[Any, "e c m"]:
+    """The transfer of the n most central lags of a circle of `length`."""
+    kernel, ahead = xp.fft.irfft(transfer, length), n // 2 + 1
+    central = xp.concatenate([kernel[..., :ahead], kernel[..., length - (n - ahead) :]], axis=-1)
+    return xp.fft.rfft(central)
 
 
 # By jax.jit, whose dispatch is a quarter of filter_jit's: that is as long as a thousand cells take.
@@ -176,7 +191,7 @@ class Line(eqx.Module):
     @property
     def x(self) -> Float[Array, " n"]:
         """Cell centres [m]."""
-        return self.start_m + self.cell_m * jnp.arange(self.n)
+        return _centres(self.n, self.start_m, self.cell_m)
 
     @property
     def k(self) -> Float[Array, " k"]:
@@ -245,14 +260,11 @@ class Open(Line):
     def __init__(self, n: int, cell_m, start_m=0.0):
         self.n, self.cell_m, self.start_m = _checked(n, cell_m, start_m)
 
-    @compiled
     def operator(self, stage: Stage) -> Convolution:
         length = fast_length(2 * self.n)
-        ahead, back = _cell_responses(stage, self.n, self.cell_m)
-        # Lags that no pair of cells has are padding, and must not wrap into the window.
-        padding = jnp.zeros((*ahead.shape[:-1], length - 2 * self.n + 1), ahead.dtype)
-        response = jnp.concatenate([ahead, padding, back[..., :0:-1]], axis=-1)
-        transfer = jnp.fft.rfft(response)
+        # So many cells that lines of many lengths share a program.
+        responses = _cell_responses(stage, _shared_count(self.n), self.cell_m)
+        transfer = _transfer(*responses, self.n, length)
         return Convolution(transfer, self.cell_m, self.n, length, stage.has_dc_gain)
 
     def differences(self, r: Float[Array, "c n"], order: int) -> Float[Array, "c m"]:
@@ -265,6 +277,24 @@ class Open(Line):
 FAR, CLEAR, NODES = 256, 4.0, 16
 
 
+def _shared_count(n: int) -> int:
+    """A number of cells from n on, at most a quarter more: 4, 5, 6 or 7 times a power of two."""
+    step = 1 << max(0, (n - 1).bit_length() - 3)
+    return -(-n // step) * step
+
+
+@by_numpy
+def _transfer(
+    ahead: Float[Any, "e c m"], back: Float[Any, "e c m"], n: int, length: int, xp: Any = jnp
+) -> Complex[Any, "e c k"]:
+    """The transfer of the responses up to n - 1 cells away."""
+    ahead, back = ahead[..., :n], back[..., :n]
+    # Lags that no pair of cells has are padding, and must not wrap into the window.
+    padding = xp.zeros((*ahead.shape[:-1], length - 2 * n + 1), ahead.dtype)
+    return xp.fft.rfft(xp.concatenate([ahead, padding, back[..., :0:-1]], axis=-1))
+
+
+@compiled
 def _cell_responses(
     stage: Stage, n: int, cell_m: Float[Array, ""]
 ) -> tuple[Float[Array, "e c n"], Float[Array, "e c n"]]:
@@ -308,10 +338,12 @@ def _chebyshev(at: Float[Array, " x"], series: Float[Array, "*row m"]) -> Float[
 LINES = {"periodic": Periodic, "open": Open}  # by the name of what is beyond the ends
 
 
-@compiled
-def wavenumbers(n: int, spacing_m) -> Float[Array, " k"]:
+@by_numpy
+def wavenumbers(n: int, spacing_m, xp: Any = jnp) -> Float[Any, " k"]:
     """Wavenumbers [rad/m] of the half spectrum of n samples `spacing_m` apart."""
-    return 2 * jnp.pi * jnp.arange(n // 2 + 1) / (n * as_real(spacing_m))
+    spacing = as_real(spacing_m) if xp is jnp else np.asarray(spacing_m)
+    each = xp.arange(n // 2 + 1, dtype=xp.result_type(spacing, jnp.float32))
+    return each * (2 * np.pi / (n * spacing))
 
 
 def sinc(a: Float[Array, "..."]) -> Float[Array, "..."]:

@@ -5,7 +5,7 @@ into the transfer; along a measured motion the gain has one value for each sampl
 """
 
 import abc
-from typing import Any, ClassVar
+from typing import Any, ClassVar, cast
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -38,7 +38,7 @@ class Amplifier(eqx.Module):
             f"{type(self).__name__}.gain gives {echo(gain)} for speeds of the shape {shape}: give "
             "a number for each speed, or one for all.",
         )
-        return jnp.broadcast_to(gain, shape)
+        return jnp.broadcast_to(gain, shape) if jnp.shape(gain) != shape else cast(Any, gain)
 
 
 def _positive_resistance(value) -> Float[Array, ""]:

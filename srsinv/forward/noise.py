@@ -18,6 +18,7 @@ from jaxtyping import Array, ArrayLike, Float, PRNGKeyArray
 from ..compiled import compiled
 from ..errors import echo, number, refuse
 from ..grid import Line, as_real
+from ..known import namespace
 from .scan import ConstantSpeed
 
 BOLTZMANN_J_PER_K = 1.380649e-23
@@ -135,9 +136,9 @@ def exponential_spectrum(k, cell_m, correlation_m) -> Float[Array, " k"]:
     The sum over all lags of samples `cell_m` apart, (1 - a^2)/(1 - 2 a cos(k cell) + a^2) with
     a = exp(-cell/correlation), written so that a near 1 loses no digits.
     """
-    ratio = cell_m / correlation_m
-    correlation, one_less = jnp.exp(-ratio), -jnp.expm1(-ratio)
-    swing = 4 * correlation * jnp.sin(k * cell_m / 2) ** 2
+    ratio, xp = cell_m / correlation_m, namespace(k, cell_m, correlation_m)
+    correlation, one_less = xp.exp(-ratio), -xp.expm1(-ratio)
+    swing = 4 * correlation * xp.sin(k * cell_m / 2) ** 2
     # Over 1 - a above and below: its fourth power, in the derivative, is beyond single precision.
     return (1 + correlation) / (one_less + swing / one_less)
 
@@ -154,6 +155,8 @@ def total_spectrum(
     noises: tuple[Noise, ...], line: Line, scan: ConstantSpeed, signal_rms
 ) -> Float[Array, " k"]:
     """The sum of independent causes; zero where none is named."""
+    if not noises:
+        return as_real(np.zeros(line.n // 2 + 1))
     return _total(noises, line, scan, as_real(signal_rms))
 
 

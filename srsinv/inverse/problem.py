@@ -252,7 +252,7 @@ class Problem(eqx.Module):
             else self.friction,
             passes=on.passes,
             rig=self.rig,
-            scan_start_m=float(self.motion.position_m[0]),
+            scan_start_m=float(np.asarray(self.motion.position_m)[0]),
             modulus_Pa=self.modulus_Pa,
             warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
         )

@@ -11,10 +11,11 @@ from jaxtyping import Array, Float
 
 from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
+from ..known import namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
-from .line.prior import Prior
+from .line.prior import Prior, squared_differences
 from .line.problem import LineProblem
 from .line.rule import Choice, Evidence, Rule, to_score
 from .line.solve import PATHS, Family, Scorer, choose_path, conditioned, solve
@@ -30,12 +31,15 @@ class DerivativePenalty(Prior):
     length_m: Float[Array, ""]
     order: int = eqx.field(static=True)
 
-    def root(self, line: Line) -> Float[Array, "c k"]:
-        symbol = 2 * self.length_m / line.cell_m * jnp.sin(line.k * line.cell_m / 2)
-        return jnp.sqrt(self.weights)[:, None] * symbol**self.order
+    def root(self, line: Line) -> Float[Any, "c k"]:
+        xp = namespace(line, self)
+        symbol = 2 * self.length_m / line.cell_m * xp.sin(line.k * line.cell_m / 2)
+        return xp.sqrt(self.weights)[:, None] * symbol**self.order
 
-    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+    def apply(self, line: Line, r: Float[Any, "c n"]) -> Float[Any, "c n"]:
         order, weights = self.differences(line)
+        if namespace(line, self, r) is np:
+            return weights[:, None] * squared_differences(r, order, wraps=line.kind == "periodic")
 
         def penalised(r):
             return line.differences(r, order)

@@ -9,10 +9,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..compiled import compiled
 from ..errors import choice, number, of_kind
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
+from ..known import by_numpy, namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
@@ -60,7 +60,8 @@ class Flat(TractionSpectrum):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
 
     def power(self, problem: LineProblem) -> Float[Array, " k"]:
-        return jnp.full(problem.line.k.shape, self.rms_Pa**2)
+        k = problem.line.k
+        return namespace(k).full(k.shape, self.rms_Pa**2)
 
 
 class Normalised(TractionSpectrum):
@@ -75,11 +76,12 @@ class Normalised(TractionSpectrum):
         self.noise_to_signal = _positive("noise_to_signal", noise_to_signal)
 
     def power(self, problem: LineProblem) -> Float[Array, " k"]:
-        gain = jnp.max(jnp.abs(problem.forward.circulant().transfer)) ** 2
+        xp = namespace(problem)
+        gain = xp.max(xp.abs(problem.forward.circulant().transfer)) ** 2
         last = problem.noise[:, -1:]
-        finite = jnp.where(jnp.isfinite(problem.noise), problem.noise, last)
-        level = jnp.mean(finite) / (self.noise_to_signal * gain)
-        return jnp.full(problem.line.k.shape, level)
+        finite = xp.where(xp.isfinite(problem.noise), problem.noise, last)
+        level = xp.mean(finite) / (self.noise_to_signal * gain)
+        return xp.full(problem.line.k.shape, level)
 
 
 class SpectralPrior(Prior):
@@ -87,12 +89,13 @@ class SpectralPrior(Prior):
 
     power: Float[Array, "c k"]
 
-    def root(self, line: Line) -> Float[Array, "c k"]:
-        return 1 / jnp.sqrt(self.power)
+    def root(self, line: Line) -> Float[Any, "c k"]:
+        return 1 / namespace(self.power).sqrt(self.power)
 
-    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+    def apply(self, line: Line, r: Float[Any, "c n"]) -> Float[Any, "c n"]:
         # By its root, as the derivative of 1/S is 1/S^2, which overflows long before S does.
-        return jnp.fft.irfft(jnp.fft.rfft(r) * self.root(line) ** 2, line.n)
+        xp = namespace(self.power, r)
+        return xp.fft.irfft(xp.fft.rfft(r) * self.root(line) ** 2, line.n)
 
 
 class ScaledSpectra(Family):
@@ -102,7 +105,8 @@ class ScaledSpectra(Family):
     power: Float[Array, "c k"]
 
     def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
-        return SpectralPrior(10.0 ** jnp.asarray(log_weights)[:, None] * self.power)
+        xp = namespace(log_weights, self.power)
+        return SpectralPrior(10.0 ** xp.asarray(log_weights)[:, None] * self.power)
 
 
 class Wiener(Method):
@@ -144,7 +148,9 @@ class Wiener(Method):
             return self._solved(problem, power, Status.GIVEN)
         scale, status = _likely_scale(problem, power, self.path)
         return conditioned(
-            lambda decades: self._solved(problem, scale[:, None] * power / 10**decades, status)
+            lambda decades: self._solved(
+                problem, _scaled(power, np.asarray(scale) / 10**decades), status
+            )
         )
 
     def _solved(
@@ -175,9 +181,17 @@ def _spectrum(name: str, given: Any) -> TractionSpectrum:
     return of_kind(f"method.wiener.{name}", spectrum, TractionSpectrum, wanted)
 
 
-@compiled
-def _powers(problem: LineProblem, spectra: tuple[TractionSpectrum, ...]) -> Float[Array, "c k"]:
-    return jnp.stack([spectrum.power(problem) for spectrum in spectra])
+@by_numpy
+def _powers(
+    problem: LineProblem, spectra: tuple[TractionSpectrum, ...], xp: Any = jnp
+) -> Float[Any, "c k"]:
+    return xp.stack([spectrum.power(problem) for spectrum in spectra])
+
+
+@by_numpy
+def _scaled(power: Float[Any, "c k"], scale: Float[Any, " c"], xp: Any = jnp) -> Float[Any, "c k"]:
+    del xp
+    return scale[:, None] * power
 
 
 def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, " c"], Status]:
@@ -190,11 +204,11 @@ def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, 
     return 10.0**choice.log_weights, choice.status
 
 
-@compiled
-def _log_scale(problem: LineProblem, power, samples: int) -> Float[Array, " c"]:
+@by_numpy
+def _log_scale(problem: LineProblem, power, samples: int, xp: Any = jnp) -> Float[Any, " c"]:
     """log10 of the factors under which each component alone would make the data's power."""
-    gain = jnp.max(jnp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
+    gain = xp.max(xp.abs(problem.forward.circulant().transfer) ** 2, axis=(0, 2))
     observed = 1.0 if problem.observed is None else problem.observed
     left = problem.data - problem.free_offset(problem.data)
-    data = jnp.sum(observed * left**2) / samples
-    return jnp.log10(data / gain / jnp.mean(power, axis=-1))
+    data = xp.sum(observed * left**2) / samples
+    return xp.log10(data / gain / xp.mean(power, axis=-1))

@@ -145,8 +145,8 @@ def of_cells(recording: Recording, problem: Problem, gridded: LineProblem) -> Fa
         "samples_per_cell": round(float(line.cell_m) / spacing),
         "least_samples_fraction": FEW,
         "has_missing_samples": int(not np.isfinite(recording.signal).all()),
-        "window_start_m": float(line.x[0]),
-        "window_end_m": float(line.x[-1]),
+        "window_start_m": float(np.asarray(line.x)[0]),
+        "window_end_m": float(np.asarray(line.x)[-1]),
     }
     return facts if nominal is None else facts | {"nominal_pressure_Pa": float(nominal)}
 

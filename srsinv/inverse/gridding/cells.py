@@ -4,7 +4,7 @@ At constant speed a cell has the mean of a block of samples; else its signal at 
 fitted to the samples that lie in it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +13,8 @@ from ... import resolution
 from ...errors import refuse
 from ...forward.amplifier import Amplifier
 from ...forward.scan import Motion
-from ...grid import Open, as_real
+from ...grid import Open
+from ...known import in_numpy
 from ...numerics import SAME_COUNT, whole_steps
 from ..noise.model import is_steady
 
@@ -136,7 +137,8 @@ def _fitted_cells(
     """Cells at a varying speed, along the motion's direction."""
     speed = np.asarray(motion.speed_m_per_s)
     mean = speed.mean()
-    a = np.asarray(amplifier.at_speed(as_real(speed)) / amplifier.at_speed(as_real(mean)))
+    gain: Any = in_numpy(amplifier).at_speed
+    a = np.asarray(gain(speed)) / np.asarray(gain(mean))
     x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
     middles = sample_middles(x)
     length = float(middles[-1] - middles[0])

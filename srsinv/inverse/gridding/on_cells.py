@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
@@ -11,7 +10,7 @@ from ...errors import BadInput, refuse
 from ...forward.film import SampleAverage
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
-from ...grid import Open
+from ...grid import Open, as_real
 from ...recording.passes import Pass, go_both_ways, passes_of
 from ..noise.model import SampleNoise
 from .cells import LEAST_SAMPLES, Cells, block_of, cell_signals, line_over, sample_spacing_m
@@ -93,7 +92,7 @@ def on_cells(
     start_m = float(cells.x_m[0])
     line, cells = line_over(cells, window_m, depth)
     cells, columns = cells.parted(len(rows))
-    scan = ConstantSpeed(float(np.mean(given.motion.speed_m_per_s)))
+    scan = ConstantSpeed(float(np.mean(np.asarray(given.motion.speed_m_per_s))))
     trend = np.ones((len(rows), line.n)), start_m
     sensor = _averaging_samples(given.sensor, block, sample_spacing_m(given.motion))
     return _placed(given.noise, line, sensor, scan, cells, columns, trend, None)
@@ -138,9 +137,10 @@ def aligned(
 
 def _check_samples(given: SampledSignals, passes: Sequence[Pass]) -> None:
     """Refuse passes of so few samples that they are no passes."""
+    time_s = np.asarray(given.motion.time_s)
     for each in passes:
         own = each.samples
-        count, at_s = own.stop - own.start, float(given.motion.time_s[own.start])
+        count, at_s = own.stop - own.start, float(time_s[own.start])
         refuse(
             count < LEAST_SAMPLES,
             f"{given.name}: the position turns back after {count} of its samples, at {at_s:.6g} s: "
@@ -186,9 +186,12 @@ def _placed(
         size, start_m = trend
         own = (size * noise.trend(line, scan, start_m))[:, None]
         columns = np.concatenate([columns, own], axis=1)
-    free_offset = sensor.amplifier.offset is None
+    if sensor.amplifier.offset is None:
+        power = np.array(power)
+        power[:, 0] = np.inf
+        power = as_real(power)
     return OnCells(
-        line, sensor, scan, data, power.at[:, 0].set(jnp.inf) if free_offset else power, observed,
+        line, sensor, scan, data, power, observed,
         np.where(observed[:, None], columns, 0.0) if columns.shape[1] else None,
         noise.scale(power, cells.samples, cells.white_scale, cells.slow_scale), passes,
     )  # fmt: skip

@@ -5,14 +5,14 @@ close to the noise; traction may change far more over a run than a prior of that
 nothing in the residual says so. Every run adds such an error to the level of what follows.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from ...compiled import compiled
 from ...grid import half_spectrum_weights
+from ...known import by_numpy
 from ...numerics import runs
 from ..estimate import Numbers
 from ..noise.nuisance import WithoutNuisance
@@ -141,7 +141,9 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
     cleaned = WithoutNuisance.of(problem, solution.value)
     parts, pull, variance = _estimate_parts(cleaned.problem, prior, solution)
     squares = np.asarray(residual_squares(cleaned.problem, parts))
-    parts = parts._replace(fitted=parts.fitted + cleaned.signal, squares=squares)
+    if problem.nuisance is not None:
+        parts = parts._replace(fitted=parts.fitted + cleaned.signal)
+    parts = parts._replace(squares=squares)
     averaging = np.einsum("ccn->cn", np.asarray(solution.averaging, float))
     checks = Checks(
         np.asarray(pull, float),
@@ -153,26 +155,26 @@ def answer_of(problem: LineProblem, prior: Prior, solution: Solution) -> Checked
     return CheckedSolution(solution, parts, checks, cleaned.dof)
 
 
-@compiled
+@by_numpy
 def _estimate_parts(
-    problem: LineProblem, prior: Prior, solution: Solution
-) -> tuple[EstimateParts, Float[Array, " c"], Float[Array, " c"]]:
+    problem: LineProblem, prior: Prior, solution: Solution, xp: Any = jnp
+) -> tuple[EstimateParts, Float[Numbers, " c"], Float[Numbers, " c"]]:
     """The parts of the estimate, the prior's pull squared over the variance, and that variance:
     means over the cells with samples. The pull is C P r, C the posterior covariance: the estimate
     less what the data alone would have in its place, as far as they can tell."""
     line, covariance = problem.line, solution.covariance
-    weighted = prior.apply(line, jnp.asarray(solution.value))
+    weighted = xp.asarray(prior.apply(line, xp.asarray(solution.value)))
     if covariance.ndim == 3:
-        pull = jnp.fft.irfft(jnp.einsum("ijk,jk->ik", covariance, jnp.fft.rfft(weighted)), line.n)
+        pull = xp.fft.irfft(xp.einsum("ijk,jk->ik", covariance, xp.fft.rfft(weighted)), line.n)
     else:
-        pull = (covariance @ jnp.ravel(weighted)).reshape(weighted.shape)
-    observed = jnp.ones(line.n, bool) if problem.observed is None else problem.observed.any(axis=0)
-    count = jnp.maximum(jnp.sum(observed), 1)
-    pull = pull - jnp.sum(pull * observed, axis=-1, keepdims=True) / count
-    variance = jnp.sum(solution.stderr**2 * observed, axis=-1) / count
-    squares = jnp.sum(pull**2 * observed, axis=-1) / count
+        pull = (covariance @ xp.ravel(weighted)).reshape(weighted.shape)
+    observed = xp.ones(line.n, bool) if problem.observed is None else problem.observed.any(axis=0)
+    count = xp.maximum(xp.sum(observed), 1)
+    pull = pull - xp.sum(pull * observed, axis=-1, keepdims=True) / count
+    variance = xp.sum(solution.stderr**2 * observed, axis=-1) / count
+    squares = xp.sum(pull**2 * observed, axis=-1) / count
     parts = problem.estimate_parts(solution.value, solution.stderr)
-    return parts, squares / jnp.where(variance > 0, variance, 1.0), variance
+    return parts, squares / xp.where(variance > 0, variance, 1.0), variance
 
 
 def _checks(

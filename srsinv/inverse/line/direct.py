@@ -142,7 +142,8 @@ def scored(problem: LineProblem, unweighted: Prior) -> Scored:
     """The problem as scores take it."""
     white = whiten(problem)
     information = white.model.T @ white.model
-    return Scored(white, information, _penalty(problem, unweighted), unweighted.root(problem.line))
+    root = jnp.asarray(unweighted.root(problem.line))
+    return Scored(white, information, _penalty(problem, unweighted), root)
 
 
 def score(problem: LineProblem, factor: Float[Array, " c"], of: Scored) -> Score:
@@ -175,7 +176,8 @@ def _penalty(problem: LineProblem, prior: Prior) -> Float[Array, "m m"]:
     n, unknowns = problem.line.n, problem.unknowns
     size = unknowns * n
     basis = jnp.eye(size).reshape(size, unknowns, n)
-    return jax.vmap(lambda r: prior.apply(problem.line, r))(basis).reshape(size, size)
+    rows = jax.vmap(lambda r: jnp.asarray(prior.apply(problem.line, r)))(basis)
+    return rows.reshape(size, size)
 
 
 def _posterior(problem: LineProblem, precision: Float[Array, "m m"]) -> PosteriorFactor:

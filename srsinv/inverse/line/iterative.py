@@ -19,9 +19,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Bool, Float, Int
 
 from ...grid import as_real
+from ...known import by_numpy, in_jax, in_numpy
 from ...modules import with_fields
 from ..noise.levels import at_one_level, change_of_variance
 from ..noise.nuisance import Nuisance, NuisanceCorrection
@@ -36,7 +37,7 @@ from .gaps import (
     missing_shapes,
 )
 from .near_periodic import NearPeriodic, PeriodicModel
-from .prior import Prior, Solution
+from .prior import Prior, Solution, squared_differences
 from .problem import LineProblem
 from .rig_bands import solved_directions
 from .transforms import adjoint, each_on_a_core, from_spectrum, times, to_spectrum
@@ -199,28 +200,14 @@ def _penalty(problem: LineProblem, prior: Prior) -> Callable[[Traction], Tractio
     """P, in double precision where it is a sum of squared differences."""
     squares = prior.differences(problem.line)
     if squares is None:
+        line, own = in_numpy((problem.line, prior))
+        if isinstance(own.apply(line, np.zeros((problem.unknowns, line.n))), np.ndarray):
+            return lambda r: np.asarray(own.apply(line, r), float)
         apply = jax.jit(lambda r: prior.apply(problem.line, r))
         return lambda r: np.asarray(apply(r), float)
     order, weights = squares[0], np.asarray(squares[1], float)[:, None]
     wraps = problem.forward.is_circular
-
-    def differences(r: np.ndarray) -> np.ndarray:
-        return np.roll(r, -1, axis=-1) - r if wraps else r[:, 1:] - r[:, :-1]
-
-    def transpose(d: np.ndarray) -> np.ndarray:
-        if wraps:
-            return np.roll(d, 1, axis=-1) - d
-        zero = np.zeros((len(d), 1))
-        return np.concatenate([zero, d], axis=-1) - np.concatenate([d, zero], axis=-1)
-
-    def penalty(r: Traction) -> Traction:
-        for _ in range(order):
-            r = differences(r)
-        for _ in range(order):
-            r = transpose(r)
-        return weights * r
-
-    return penalty
+    return lambda r: weights * squared_differences(r, order, wraps)
 
 
 class PosteriorMap:
@@ -349,7 +336,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
         impulse[c, n // 2] = 1.0
         signals.append(normal.forward(normal.centre(impulse)))
     solved = each_on_a_core(marginal.mean, signals, n)
-    mean, *averaging = (jnp.asarray(each.value) for each in solved)
+    mean, *averaging = (each.value for each in solved)
     moved = solved_directions(
         lambda changes: each_on_a_core(lambda y: marginal.mean(y, RIG).value, changes, n),
         problem.changed_signals(mean),
@@ -361,27 +348,27 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
     solution = Solution(
         as_real(mean),
         as_real(stderr),
-        jnp.asarray(near.covariance),
-        as_real(jnp.stack(averaging, axis=1)),
+        in_jax(near.covariance),
+        as_real(np.stack(averaging, axis=1)),
         as_real(near.resolved_dof(near.blocks())),
         # A sum of variances that ends at or below zero is rounding.
-        _condition(problem, prior) if spread.min() > 0 else jnp.asarray(LEFT_TO_ROUNDING),
+        _condition(problem, prior) if spread.min() > 0 else np.asarray(LEFT_TO_ROUNDING),
         moved,
     )
     converged = all(each.converged for each in solved)
     return IterativeSolution(solution, solved[0].steps, converged, posterior.defect())
 
 
-@jax.jit
-def _condition(problem: LineProblem, prior: Prior) -> Float[Array, ""]:
+@by_numpy
+def _condition(problem: LineProblem, prior: Prior, xp: Any = jnp) -> Float[Any, ""]:
     """Estimate of the condition number: the best observed mode over one held by the prior alone.
 
     Where samples are missing, or an open line ends, some traction is held by the prior alone, with
     its mean precision over wavenumbers.
     """
-    information = jnp.max(problem.information)
-    held = jnp.mean(prior.root(problem.line) ** 2, axis=-1)
-    return (information + jnp.max(held)) / jnp.maximum(jnp.min(held), jnp.finfo(held.dtype).tiny)
+    information = xp.max(problem.information)
+    held = xp.mean(xp.asarray(prior.root(problem.line)) ** 2, axis=-1)
+    return (information + xp.max(held)) / xp.maximum(xp.min(held), np.finfo(held.dtype).tiny)
 
 
 # What missing samples add is computed cell by cell up to so many widths of the response from each,

@@ -3,56 +3,56 @@
 It also says whether the means of p and q over the window are observable.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Bool, Complex, Float
 
-from ...compiled import compiled
 from ...grid import Convolution, Line
+from ...known import by_numpy
 from ..estimate import COMPONENTS, Numbers
 
 # A gain at k = 0 below this fraction of the largest leaves a mean unobservable.
 OBSERVABLE_GAIN = 1e-3
 
 
-@compiled
+@by_numpy
 def are_observable(
-    forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
-) -> Bool[Array, " c"]:
+    forward: Convolution, noise: Float[Numbers, "#e k"], known: tuple[bool, ...], xp: Any = jnp
+) -> Bool[Any, " c"]:
     """For each unknown, whether its gain at k = 0 is neither zero nor proportional to another's."""
     gain = forward.transfer[..., 0]
-    largest = jnp.max(jnp.abs(forward.transfer))
-    size = jnp.linalg.norm(jnp.abs(gain), axis=0)
+    largest = xp.max(xp.abs(forward.transfer))
+    size = xp.linalg.norm(xp.abs(gain), axis=0)
     observable = (
-        forward.has_dc_gain
-        & (size > OBSERVABLE_GAIN * largest)
-        & jnp.all(jnp.isfinite(noise[:, 0]))
+        forward.has_dc_gain & (size > OBSERVABLE_GAIN * largest) & xp.all(xp.isfinite(noise[:, 0]))
     )
-    unit = jnp.where(observable, gain / jnp.where(observable, size, 1.0), 0.0)
-    overlap = jnp.abs(unit.conj().T @ unit) - jnp.eye(len(known))
-    alike = jnp.any((overlap > 1 - OBSERVABLE_GAIN**2) & ~np.array(known)[:, None], axis=0)
+    unit = xp.where(observable, gain / xp.where(observable, size, 1.0), 0.0)
+    overlap = xp.abs(unit.conj().T @ unit) - xp.eye(len(known))
+    alike = xp.any((overlap > 1 - OBSERVABLE_GAIN**2) & ~np.array(known)[:, None], axis=0)
     return observable & ~alike
 
 
-@compiled
+@by_numpy
 def have_zero_mean(
-    forward: Convolution, noise: Float[Array, "#e k"], known: tuple[bool, ...]
-) -> Bool[Array, " c"]:
+    forward: Convolution, noise: Float[Numbers, "#e k"], known: tuple[bool, ...], xp: Any = jnp
+) -> Bool[Any, " c"]:
     """For each unknown, whether only its deviation from the mean is solved for."""
     # On an open line the window's ends respond weakly to every mean.
-    return jnp.asarray(known) | (~are_observable(forward, noise, known) & forward.is_circular)
+    return xp.asarray(known) | (~are_observable(forward, noise, known) & forward.is_circular)
 
 
-@compiled
-def less_means(forward: Convolution, data, observed, means):
+@by_numpy
+def less_means(forward: Convolution, data, observed, means, xp: Any = jnp):
     """The signal of the known means, and the data without it, zero where they are missing."""
-    each = jnp.stack([jnp.zeros(()) if mean is None else mean for mean in means])
-    level = forward(jnp.tile(each[:, None], (1, data.shape[-1])))
+    each = xp.stack([xp.zeros((), data.dtype) if mean is None else mean for mean in means])
+    level = xp.zeros_like(data)
+    if xp is jnp or each.any():
+        level = forward(xp.tile(each[:, None], (1, data.shape[-1])))
     data = data - level
-    return level, data if observed is None else jnp.where(observed, data, 0.0)
+    return level, data if observed is None else xp.where(observed, data, 0.0)
 
 
 CHI2, FREEDOM = "chi2_per_freedom", "degrees_of_freedom"
@@ -112,7 +112,7 @@ class LineModel(eqx.Module):
     @property
     def has_free_offset(self) -> bool:
         """Whether each element's signal has a constant that is not known."""
-        return not bool(np.isfinite(np.asarray(self.noise[:, 0])).all())
+        return not bool(np.isfinite(np.asarray(self.noise)[:, 0]).all())
 
     @property
     def unknowns(self) -> int:
@@ -127,35 +127,35 @@ class LineModel(eqx.Module):
         return self.forward.is_circular and all(each is None for each in further)
 
     @property
-    def information(self) -> Float[Array, "c k"]:
+    def information(self) -> Float[Numbers, "c k"]:
         """Fisher information on each component at line.k, sum over elements of |G|^2/N [1/Pa^2], of
         the nearest periodic problem."""
-        gain = jnp.abs(self.forward.circulant().transfer * self.whitener[:, None]) ** 2
-        return jnp.sum(gain, axis=0)
+        return _information(self.forward.circulant().transfer, self.whitener)
 
     @property
-    def whitener(self) -> Float[Array, "#e k"]:
+    def whitener(self) -> Float[Numbers, "#e k"]:
         """N^(-1/2) at line.k, one row for all elements or one for each."""
-        return 1 / jnp.sqrt(self.noise)
+        return _over_root(self.noise)
 
     @property
     def sample_count(self) -> int:
         """Number of valid samples, over all elements."""
         return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
 
-    @compiled
-    def free_offset(self, y: Float[Array, "e n"]) -> Float[Array, "e 1"]:
+    @by_numpy
+    def free_offset(self, y: Float[Numbers, "e n"], xp: Any = jnp) -> Float[Numbers, "e 1"]:
         """The mean of y over the valid samples, where the signal's offset is not known and absorbs
         it; else zero."""
-        weights = jnp.ones(y.shape) if self.noise_scale is None else 1 / self.noise_scale**2
+        scale = self.noise_scale
+        weights = xp.ones(y.shape, y.dtype) if scale is None else 1 / scale**2
         if self.observed is not None:
-            y, weights = (jnp.where(self.observed, each, 0.0) for each in (y, weights))
-        total = jnp.maximum(jnp.sum(weights, axis=-1, keepdims=True), jnp.finfo(y.dtype).tiny)
-        mean = jnp.sum(weights * y, axis=-1, keepdims=True) / total
-        return jnp.where(jnp.isfinite(self.noise[:, :1]), 0.0, mean)
+            y, weights = (xp.where(self.observed, each, 0.0) for each in (y, weights))
+        total = xp.maximum(xp.sum(weights, axis=-1, keepdims=True), np.finfo(y.dtype).tiny)
+        mean = xp.sum(weights * y, axis=-1, keepdims=True) / total
+        return xp.where(xp.isfinite(self.noise[:, :1]), 0.0, mean)
 
     @property
-    def mean_is_observable(self) -> Bool[Array, " c"]:
+    def mean_is_observable(self) -> Bool[Any, " c"]:
         """For each unknown, whether its mean is observable.
 
         Its gain at k = 0 must not vanish, nor be proportional to another unknown's.
@@ -171,40 +171,34 @@ class LineModel(eqx.Module):
             return np.broadcast_to(0.0, (self.unknowns, self.line.n))
         return self._mean_weights()
 
-    @compiled
-    def _mean_weights(self) -> Float[Array, "c n"]:
-        is_deviation = jnp.array([each is None for each in self.background_Pa[: self.unknowns]])
-        hidden = jnp.where(self.zero_mean, is_deviation, ~self.mean_is_observable)
-        ones = jnp.ones(self.data.shape, bool) if self.observed is None else self.observed
-        cells = jnp.any(ones, axis=0)
-        return hidden[:, None] * (cells / jnp.sum(cells))[None, :]
+    @by_numpy
+    def _mean_weights(self, xp: Any = jnp) -> Float[Numbers, "c n"]:
+        is_deviation = np.array([each is None for each in self.background_Pa[: self.unknowns]])
+        hidden = xp.where(self.zero_mean, is_deviation, ~self.mean_is_observable)
+        ones = xp.ones(self.data.shape, bool) if self.observed is None else self.observed
+        cells = xp.any(ones, axis=0).astype(self.data.dtype)
+        return hidden[:, None] * (cells / xp.sum(cells))[None, :]
 
     def estimate_parts(
         self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]
     ) -> EstimateParts:
         """What an estimate shows of a solution: see `EstimateParts`."""
-        fitted = self.forward(jnp.asarray(traction))
-        whitened = self.whitened(self.data - fitted)
-        return EstimateParts(
-            *with_means(self, traction, stderr),
-            fitted + self.mean_signal + self.free_offset(self.data - fitted),
-            whitened,
-            jnp.nansum(whitened**2),
-        )
+        return _estimate_parts(self, traction, stderr)
 
-    def whitened(self, residual: Float[Array, "e n"]) -> Float[Array, "e n"]:
+    @by_numpy
+    def whitened(self, residual: Float[Numbers, "e n"], xp: Any = jnp) -> Float[Numbers, "e n"]:
         """The residual in units of the noise, NaN where a sample is missing."""
         residual = residual - self.free_offset(residual)
         white = self.whitener
         if self.noise_scale is not None:  # an offset is then no wave of the line's length
             residual = residual / self.noise_scale
-            at_zero = jnp.where(white[:, 0] > 0, white[:, 0], white[:, 1])
-            white = white.at[:, 0].set(at_zero)
+            at_zero = xp.where(white[:, :1] > 0, white[:, :1], white[:, 1:2])
+            white = xp.concatenate([at_zero, white[:, 1:]], axis=1)
         observed = self.observed
         if observed is not None:
-            residual = jnp.where(observed, residual, 0.0)
-        whitened = jnp.fft.irfft(jnp.fft.rfft(residual) * white, self.line.n)
-        return whitened if observed is None else jnp.where(observed, whitened, jnp.nan)
+            residual = xp.where(observed, residual, 0.0)
+        whitened = xp.fft.irfft(xp.fft.rfft(residual) * white, self.line.n)
+        return whitened if observed is None else xp.where(observed, whitened, np.nan)
 
     @property
     def _known(self) -> tuple[bool, ...]:
@@ -227,6 +221,33 @@ class LineModel(eqx.Module):
         if self.forward.is_circular:
             return "unobserved: the signal is blind to it; the estimate is the deviation from it"
         return "weakly observed: only what the window's ends show of it"
+
+
+@by_numpy
+def _estimate_parts(
+    model: LineModel, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"], xp: Any = jnp
+) -> EstimateParts:
+    fitted = model.forward(xp.asarray(traction))
+    left = model.data - fitted
+    whitened = model.whitened(left)
+    return EstimateParts(
+        *with_means(model, traction, stderr),
+        fitted + model.mean_signal + model.free_offset(left),
+        whitened,
+        xp.nansum(whitened**2),
+    )
+
+
+@by_numpy
+def _information(
+    transfer: Complex[Numbers, "e c k"], white: Float[Numbers, "#e k"], xp: Any = jnp
+) -> Float[Numbers, "c k"]:
+    return xp.sum(xp.abs(transfer * white[:, None]) ** 2, axis=0)
+
+
+@by_numpy
+def _over_root(power: Float[Numbers, "#e k"], xp: Any = jnp) -> Float[Numbers, "#e k"]:
+    return 1 / xp.sqrt(power)
 
 
 def with_means(

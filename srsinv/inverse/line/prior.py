@@ -9,6 +9,7 @@ import abc
 from typing import NamedTuple
 
 import equinox as eqx
+import numpy as np
 from jaxtyping import Array, Float
 
 from ...grid import Line
@@ -19,11 +20,11 @@ class Prior(eqx.Module):
     """A prior precision P of the traction, one spectrum for each component."""
 
     @abc.abstractmethod
-    def root(self, line: Line) -> Float[Array, "c k"]:
+    def root(self, line: Line) -> Float[Numbers, "c k"]:
         """P^(1/2) at line.k, the line taken as periodic."""
 
     @abc.abstractmethod
-    def apply(self, line: Line, r: Float[Array, "c n"]) -> Float[Array, "c n"]:
+    def apply(self, line: Line, r: Float[Numbers, "c n"]) -> Float[Numbers, "c n"]:
         """P r on the line as it is."""
 
     def differences(self, line: Line) -> tuple[int, Float[Numbers, " c"]] | None:
@@ -31,6 +32,27 @@ class Prior(eqx.Module):
         the weight of each component's [1/Pa^2]. None where it is no such sum."""
         del line
         return None
+
+
+def squared_differences(
+    r: Float[np.ndarray, "c n"], order: int, wraps: bool
+) -> Float[np.ndarray, "c n"]:
+    """The sum of squared differences of this order as a map: D^T D r, in numpy."""
+
+    def differences(r: np.ndarray) -> np.ndarray:
+        return np.roll(r, -1, axis=-1) - r if wraps else r[:, 1:] - r[:, :-1]
+
+    def transpose(d: np.ndarray) -> np.ndarray:
+        if wraps:
+            return np.roll(d, 1, axis=-1) - d
+        zero = np.zeros((len(d), 1), d.dtype)
+        return np.concatenate([zero, d], axis=-1) - np.concatenate([d, zero], axis=-1)
+
+    for _ in range(order):
+        r = differences(r)
+    for _ in range(order):
+        r = transpose(r)
+    return r
 
 
 class Score(NamedTuple):

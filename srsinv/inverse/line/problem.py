@@ -16,11 +16,11 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Float
 
-from ...compiled import compiled
 from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Convolution, Line, Operator, as_real
+from ...known import as_mask, in_jax, in_numpy
 from ...modules import with_fields
 from ...status import Status
 from ..diagnostics import beyond_modulus, residual_over_noise, unchecked_residual
@@ -31,7 +31,7 @@ from ..noise.model import Samples, noise_on_line
 from ..noise.whitener import residual_squares
 from ..rig.error import SensorError
 from ..rig.setup import Setup
-from .model import CHI2, FREEDOM, EstimateParts, LineModel, chi2, have_zero_mean, less_means
+from .model import CHI2, FREEDOM, LineModel, chi2, have_zero_mean, less_means
 
 
 def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
@@ -262,7 +262,8 @@ class LineProblem(LineModel):
     ):
         self.modulus_Pa = modulus_Pa
         self.warnings, self.passes, self.rig = tuple(warnings), passes, rig
-        data, noise = as_real(data), jnp.atleast_2d(as_real(noise))
+        data, noise = as_real(data), as_real(noise)
+        noise = noise if noise.ndim == 2 else jnp.atleast_2d(noise)
         check(line, forward, data, noise, observed, friction, known_mean_Pa)
         self.noise_scale = None if noise_scale is None else as_real(noise_scale)
         check_noise_scale(data.shape, self.noise_scale)
@@ -275,7 +276,8 @@ class LineProblem(LineModel):
         self.rig_changes, self.rig_stretch_m = rig_changes, rig_stretch_m
         self.rig_rows, self.rig_sources = None, tuple(rig_sources)
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
-        observed = None if observed is None or np.all(observed) else jnp.asarray(observed)
+        if observed is not None:
+            observed = None if np.all(observed) else as_mask(observed)
         self.observed, self.sensor, self.scan = observed, sensor, scan
         self.scanned = None if scan is None else _scanned(line.n, observed, scan)
         self.known_mean_Pa = _pair(known_mean_Pa)
@@ -308,7 +310,7 @@ class LineProblem(LineModel):
                 return setup.sensor.operator(line, scan.scaled(setup.speed)).transfer
 
             moved = of_signal.columns(sensor, own, transfer)
-            changes = jnp.asarray(moved.reshape(-1, *own.shape[1:]))
+            changes = in_jax(moved.reshape(-1, *own.shape[1:]))
             known["rig_changes"] = dataclasses.replace(operator, transfer=changes)
             known["rig_sources"] = of_signal.sources(len(moved))
             speed = of_signal.moves("speed", len(moved))
@@ -337,11 +339,11 @@ class LineProblem(LineModel):
         """The same for each of the rig's changes, of which `rig_rows` are the directions."""
         if self.rig_changes is None:
             return np.zeros((0, *self.data.shape))
-        traction = jnp.asarray(traction)
-        signals = np.asarray(self.rig_changes(traction), float).reshape(-1, *self.data.shape)
+        operators, traction = in_numpy((self.rig_changes, self.forward)), np.asarray(traction)
+        signals = np.asarray(operators[0](traction), float).reshape(-1, *self.data.shape)
         if self.rig_stretch_m is not None:
             # At another speed the sensor is elsewhere, the further the longer it has moved.
-            own = np.asarray(self.forward(traction), float)
+            own = np.asarray(operators[1](traction), float)
             slope = np.gradient(own, float(self.line.cell_m), axis=-1)
             signals = signals + np.asarray(self.rig_stretch_m)[:, None] * slope
         return np.where(self.is_observed, signals, 0.0)
@@ -414,7 +416,9 @@ class LineProblem(LineModel):
         given = {"traction": traction, "stderr": stderr}
         check_estimate((self.unknowns, self.line.n), given, status, resolved_dof, warnings, stats)
         unknown = jnp.full(np.shape(traction), jnp.nan)
-        parts = _estimate_parts(self, jnp.asarray(traction), unknown if stderr is None else stderr)
+        parts = self.without_warnings().estimate_parts(
+            jnp.asarray(traction), unknown if stderr is None else stderr
+        )
         squares = chi2(self, float(resolved_dof), residual_squares(self, parts))
         of_residual = squares[CHI2], squares[FREEDOM] or 0.0
         over_noise = (*unchecked_residual(squares[CHI2]), *residual_over_noise(*of_residual))
@@ -433,11 +437,6 @@ class LineProblem(LineModel):
             warnings=(*self.warnings, *warnings, *over_noise, *beyond),
             stats=stats | squares,
         )
-
-
-@compiled
-def _estimate_parts(problem: LineProblem, traction, stderr) -> EstimateParts:
-    return problem.estimate_parts(traction, stderr)
 
 
 def of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convolution:

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...errors import refuse
+from ...known import in_numpy
 from ...status import Status
 from .. import diagnostics
 from ..estimate import COMPONENTS, Estimate, Numbers, TractionEstimate
@@ -176,7 +177,8 @@ class Scorer(eqx.Module):
         weights. It is compiled with the scores, of which it may need some terms alone."""
         samples = self.problem.sample_count
         if isinstance(periodic := self.reduced, PeriodicModel):
-            found = [self._of_gaps(criterion, self.family(w), periodic) for w in log_weights]
+            family = in_numpy(self.family)
+            found = [self._of_gaps(criterion, family(w), periodic) for w in log_weights]
             return jax.tree.map(lambda *terms: np.array(terms), *found)
         count, is_direct = len(log_weights), isinstance(self.reduced, direct.Scored)
         padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from ...grid import Line, half_spectrum_weights
+from ...known import by_numpy
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .transforms import to_spectrum
@@ -226,10 +227,10 @@ def noise_whitener(problem: LineProblem) -> Float[np.ndarray, "#e k"]:
     return 1 / np.sqrt(np.asarray(problem.noise, float))
 
 
-@jax.jit
-def prior_root(line: Line, prior: Prior) -> Float[Array, "c k"]:
+@by_numpy
+def prior_root(line: Line, prior: Prior, xp: Any = jnp) -> Float[Any, "c k"]:
     """The prior's root at the line's wavenumbers."""
-    return prior.root(line)
+    return xp.asarray(prior.root(line))
 
 
 class Reduced(NamedTuple):

@@ -6,10 +6,10 @@ to first order in u = -log S, so that the traction's variance at x changes by
 everywhere the variance is nearly a power: it is its logarithm that is taken as linear.
 """
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
+from ...grid import as_real
 from ...modules import with_fields
 from ..line.near_periodic import NearPeriodic
 from ..line.problem import LineProblem
@@ -22,8 +22,8 @@ def at_one_level(problem: LineProblem) -> LineProblem:
         problem = with_fields(problem, nuisance=None)
     if problem.noise_scale is None:
         return problem
-    level = jnp.asarray(np.exp(2 * np.mean(_log_scale(problem)[problem.is_observed])))
-    return with_fields(problem, noise=problem.noise * level, noise_scale=None)
+    level = np.exp(2 * np.mean(_log_scale(problem)[problem.is_observed]))
+    return with_fields(problem, noise=as_real(np.asarray(problem.noise) * level), noise_scale=None)
 
 
 def change_of_variance(problem: LineProblem, near: NearPeriodic) -> Float[np.ndarray, "c n"]:

@@ -136,8 +136,8 @@ class SampleNoise(eqx.Module):
         causes = tuple(self.causes.values())
         coloured = total_spectrum(causes, line, scan, signal_rms)
         check_power(causes, coloured)
-        white = as_real(np.asarray(self.white, float)[:, None] ** 2 / samples)
-        return coloured + self._of_drift(line, scan, samples) + white
+        white = np.asarray(self.white, float)[:, None] ** 2 / samples
+        return as_real(np.asarray(coloured) + self._of_drift(line, scan, samples) + white)
 
     def _of_drift(
         self, line: Line, scan: ConstantSpeed, samples: float

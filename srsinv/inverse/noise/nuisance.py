@@ -79,7 +79,7 @@ class WithoutNuisance(NamedTuple):
         """The problem less what is expected of its columns beside the signal of a traction; None:
         of none."""
         if problem.nuisance is None:
-            return cls(problem, jnp.zeros(problem.data.shape), 0.0)
+            return cls(problem, np.zeros(problem.data.shape), 0.0)
         data, nuisance = np.asarray(problem.data, float), Nuisance(problem)
         fitted = 0.0 if traction is None else np.asarray(problem.forward(jnp.asarray(traction)))
         signal = nuisance.signal(data - fitted)

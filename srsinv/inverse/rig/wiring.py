@@ -97,8 +97,8 @@ def wiring_finding(
     together = problem.is_observed.all(axis=0)
     data = np.fft.rfft(np.where(together, np.asarray(problem.data), 0.0)) / np.sqrt(problem.line.n)
     white = data[:, used] / np.sqrt(np.asarray(problem.noise, float)[:, used])
-    gain = np.asarray(problem.forward.circulant().transfer * problem.whitener[:, None])[..., used]
-    gain = gain.astype(complex)
+    transfer = np.asarray(problem.forward.circulant().transfer, complex)
+    gain = (transfer * np.asarray(problem.whitener)[:, None])[..., used]
     priors = list(_priors(gain, white, k[used - 1] * depth_m))
     stated = _log_evidence(gain, white, priors)
     power = np.mean(np.abs(white) ** 2, axis=1)

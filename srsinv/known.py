@@ -1,0 +1,69 @@
+"""What is known is computed by numpy, at once: a program of jax takes longer to compile than to run
+once, and every length makes one of its own. What jax traces, and what lies on another device, is
+left to jax.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+
+from .compiled import compiled
+
+Tree = TypeVar("Tree")
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+def is_known(*values: Any) -> bool:
+    """Whether all arrays are numbers in this computer's memory."""
+    leaves = jax.tree.leaves(values)
+    return not any(isinstance(leaf, Tracer) for leaf in leaves) and jax.default_backend() == "cpu"
+
+
+def in_numpy(tree: Tree) -> Tree:
+    """The same with numpy's arrays in place of jax's."""
+    return jax.tree.map(
+        lambda leaf: np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf, tree
+    )
+
+
+def in_jax(tree: Tree) -> Tree:
+    """The same with jax's arrays in place of numpy's."""
+    # By jnp.asarray each shape would be compiled.
+    return jax.tree.map(
+        lambda leaf: jax.device_put(leaf) if isinstance(leaf, np.ndarray | np.generic) else leaf,
+        tree,
+    )
+
+
+def as_mask(values: Any) -> jax.Array:
+    """Truth values as an array of jax."""
+    return jnp.asarray(values, dtype=bool)  # without a dtype each shape would be compiled
+
+
+def by_numpy(function: Function) -> Function:
+    """`function(..., xp=jnp)`, which computes by `xp`, as a function of its other arguments: by
+    numpy where they are known, else a compiled program. It gives numpy's arrays where it is given
+    no other, else jax's."""
+    program = compiled(function)
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        if not is_known(arguments):
+            return program(*arguments)
+        made = function(*in_numpy(arguments), xp=np)
+        leaves = jax.tree.leaves(arguments)
+        is_of_numpy = any(isinstance(leaf, np.ndarray | np.generic) for leaf in leaves)
+        is_of_jax = any(isinstance(leaf, jax.Array) for leaf in leaves)
+        return made if is_of_numpy and not is_of_jax else in_jax(made)
+
+    return cast(Function, call)
+
+
+def namespace(*values: Any) -> Any:
+    """numpy where all arrays are numpy's, else jax.numpy."""
+    return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np
