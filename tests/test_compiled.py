@@ -15,7 +15,13 @@ import pytest
 
 from srsinv import compiled as module
 from srsinv.compiled import compiled, stored
+from srsinv.forward.scan import Motion
+from srsinv.forward.sensor import Sensor
 from srsinv.grid import Convolution
+from srsinv.inverse.noise.model import SampleNoise
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.tikhonov import Tikhonov
+from srsinv.inverse.wiener import Wiener
 
 N, LENGTH = 48, 96
 K = np.linspace(0.0, 900.0, 7)
@@ -191,3 +197,21 @@ jax.monitoring.register_event_listener(
 assert main(sys.argv[1:]) == 0
 print(len(missed))
 """
+
+
+def test_another_recording_of_another_length_compiles_nothing():
+    """Two methods on lines of two lengths, which share the program of a cell's responses."""
+    rng = np.random.default_rng(0)
+
+    def invert(samples: int) -> None:
+        motion = Motion.from_speed(np.arange(samples) / 5e3, np.full(samples, 0.05), 0.0)
+        signal = 1e-6 * rng.normal(size=(2, samples))
+        signal[:, 300:330] = np.nan
+        problem = Problem(Sensor(), motion, signal, SampleNoise(1e-6, is_estimate=True))
+        for method in (Tikhonov(), Wiener(scale="evidence")):
+            assert method(problem).stats["path"] == "iterative"
+
+    invert(1500)
+    with traces() as traced:
+        invert(1570)
+    assert not traced
