@@ -155,6 +155,7 @@ class FeatureModel(eqx.Module):
         operator = operator_along(sensor, finer, motion, None, directions)
         return dataclasses.replace(self, operator=operator)
 
+    @compiled
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line beyond their background, while sliding towards +x."""
         here, params = self.at_facts(params)

@@ -250,16 +250,16 @@ class Fit:
         compiled at each call, once for all where it is an equinox module.
         """
 
-        def of(z):
-            return jnp.asarray(function(self._objective.tree(z)))
-
         # Compiled whole: operation by operation takes seconds where a traction is derived.
+        is_shared, objective = isinstance(function, eqx.Module), self._objective
         if steps is None:
-            slope = _shared_slope if isinstance(function, eqx.Module) else eqx.filter_jit(_slope)
-            objective = self._objective
+            slope = _shared_slope if is_shared else eqx.filter_jit(_slope)
             value, gradient = slope(function, objective.layout, objective.row, as_real(self._z))
         else:
-            value, gradient = self._differences(jax.jit(of), steps)
+            value_at = _shared_value if is_shared else eqx.filter_jit(_value)
+            value, gradient = self._differences(
+                lambda z: value_at(function, objective.layout, objective.row, z), steps
+            )
         along = np.atleast_2d(np.asarray(gradient))
         stderr = self._spread.along(along)
         return (value[()], stderr[0]) if np.ndim(value) == 0 else (np.asarray(value), stderr)
@@ -277,16 +277,21 @@ class Fit:
         return of(as_real(self._z)), np.stack(columns, axis=-1)
 
 
+def _value(function, layout: Layout, row, z):
+    """A function of the parameters."""
+    return jnp.asarray(function(layout.filled(jnp.asarray(row), z)))
+
+
 def _slope(function, layout: Layout, row, z):
     """A function of the parameters, and its derivative by the free ones."""
 
     def of(z):
-        return jnp.asarray(function(layout.filled(jnp.asarray(row), z)))
+        return _value(function, layout, row, z)
 
     return of(z), jax.jacfwd(of)(z)
 
 
-_shared_slope = eqx.filter_jit(_slope)
+_shared_value, _shared_slope = compiled(_value), compiled(_slope)
 
 
 AT_BOUND = 1e-6  # standard errors from a bound up to which a parameter counts as on it
