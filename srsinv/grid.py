@@ -69,13 +69,13 @@ class Convolution(Operator):
     circular. `has_dc_gain` says whether an endless uniform r gives any signal: a rate does not.
     """
 
-    transfer: Complex[Array, "e c k"]
-    cell_m: Float[Array, ""]
+    transfer: Complex[Any, "e c k"]
+    cell_m: Float[Any, ""]
     n: int = eqx.field(static=True)
     length: int = eqx.field(static=True)
     has_dc_gain: bool = eqx.field(static=True, default=True)
 
-    def __call__(self, traction: Float[Array | np.ndarray, "c n"]) -> Float[Any, "e n"]:
+    def __call__(self, traction: Float[Any, "c n"]) -> Float[Any, "e n"]:
         shape = self.transfer.shape[1], self.n
         refuse(
             traction.shape != shape,
@@ -189,12 +189,12 @@ class Line(eqx.Module):
         return type(self).__name__.lower()
 
     @property
-    def x(self) -> Float[Array, " n"]:
+    def x(self) -> Float[Any, " n"]:
         """Cell centres [m]."""
         return _centres(self.n, self.start_m, self.cell_m)
 
     @property
-    def k(self) -> Float[Array, " k"]:
+    def k(self) -> Float[Any, " k"]:
         """Wavenumbers [rad/m] of the n-point half spectrum."""
         return wavenumbers(self.n, self.cell_m)
 

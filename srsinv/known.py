@@ -14,6 +14,7 @@ from jax.core import Tracer
 
 from .compiled import compiled
 
+Numbers = jax.Array | np.ndarray
 Tree = TypeVar("Tree")
 Function = TypeVar("Function", bound=Callable[..., Any])
 

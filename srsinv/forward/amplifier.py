@@ -5,7 +5,7 @@ into the transfer; along a measured motion the gain has one value for each sampl
 """
 
 import abc
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -26,10 +26,10 @@ class Amplifier(eqx.Module):
     offset: eqx.AbstractVar[Any]
 
     @abc.abstractmethod
-    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+    def gain(self, speed_m_per_s: Float[Any, "*sample"]) -> Float[Any, "*sample"]:
         """Gain on the `order`-th derivative of charge along x, for each speed, or one for all."""
 
-    def at_speed(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+    def at_speed(self, speed_m_per_s: Float[Any, "*sample"]) -> Float[Any, "*sample"]:
         """The gain for each speed. Raises `BadInput` where an amplifier gives another number of
         them."""
         gain, shape = self.gain(speed_m_per_s), jnp.shape(speed_m_per_s)
@@ -38,7 +38,7 @@ class Amplifier(eqx.Module):
             f"{type(self).__name__}.gain gives {echo(gain)} for speeds of the shape {shape}: give "
             "a number for each speed, or one for all.",
         )
-        return jnp.broadcast_to(gain, shape) if jnp.shape(gain) != shape else cast(Any, gain)
+        return jnp.broadcast_to(gain, shape) if jnp.shape(gain) != shape else gain
 
 
 def _positive_resistance(value) -> Float[Array, ""]:
@@ -56,7 +56,7 @@ class CurrentAmplifier(Amplifier):
     def __init__(self, feedback_resistance_ohm=1e6):
         self.feedback_resistance_ohm = _positive_resistance(feedback_resistance_ohm)
 
-    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+    def gain(self, speed_m_per_s: Float[Any, "*sample"]) -> Float[Any, "*sample"]:
         return self.feedback_resistance_ohm * speed_m_per_s
 
     @property
@@ -77,7 +77,7 @@ class IntegratedCurrent(Amplifier):
     def __init__(self, feedback_resistance_ohm=1e6):
         self.feedback_resistance_ohm = _positive_resistance(feedback_resistance_ohm)
 
-    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+    def gain(self, speed_m_per_s: Float[Any, "*sample"]) -> Float[Any, "*sample"]:
         refuse(
             speed_m_per_s.ndim > 0,
             "The integral of the signal along x (amplifier=integrated) has no meaning along a "
@@ -116,7 +116,7 @@ class ChargeReadout(Amplifier):
         self.gain_per_C = as_real(gain_per_C)
         self._offset = None if offset is None else as_real(offset)
 
-    def gain(self, speed_m_per_s: Float[Array, "*sample"]) -> Float[Array, "*sample"]:
+    def gain(self, speed_m_per_s: Float[Any, "*sample"]) -> Float[Any, "*sample"]:
         return jnp.broadcast_to(self.gain_per_C, speed_m_per_s.shape)
 
     @property

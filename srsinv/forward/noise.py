@@ -7,7 +7,7 @@ all wavenumbers is the variance. Elements are independent, but for a cause that 
 
 import abc
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -130,7 +130,7 @@ class Sliding(Noise):
         return (self.fraction * signal_rms) ** 2 * shape
 
 
-def exponential_spectrum(k, cell_m, correlation_m) -> Float[Array, " k"]:
+def exponential_spectrum(k, cell_m, correlation_m) -> Float[Any, " k"]:
     """Spectrum per sample of unit-variance samples correlated as exp(-|dx|/correlation_m).
 
     The sum over all lags of samples `cell_m` apart, (1 - a^2)/(1 - 2 a cos(k cell) + a^2) with

@@ -16,12 +16,12 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from ..errors import of_kind
 from ..grid import Line
+from ..known import Numbers as Numbers
 from ..numerics import BAND_90, mean_known
 from ..status import Status
 from .diagnostics import Quality, beyond_band, error_over_truth, quality, reasons
 
 COMPONENTS = ("p", "q")
-Numbers = Array | np.ndarray
 
 
 class Estimate(eqx.Module):

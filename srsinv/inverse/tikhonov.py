@@ -28,7 +28,7 @@ class DerivativePenalty(Prior):
     """lambda_c |(length_m d/dx)^order r_c|^2 by forward differences, no wrap on the open line."""
 
     weights: Float[Numbers, " c"]
-    length_m: Float[Array, ""]
+    length_m: Float[Any, ""]
     order: int = eqx.field(static=True)
 
     def root(self, line: Line) -> Float[Any, "c k"]:
@@ -56,7 +56,7 @@ class Penalties(Family):
     """Derivative penalties by their log10 weights."""
 
     sign: ClassVar[int] = 1
-    length_m: Float[Array, ""]
+    length_m: Float[Any, ""]
     order: int = eqx.field(static=True)
 
     def __call__(self, log_weights: Float[Numbers, " c"]) -> DerivativePenalty:
@@ -89,7 +89,7 @@ class Tikhonov(Method):
     rule: Rule
     weight_p: Float[Array, ""] | None
     weight_q: Float[Array, ""] | None
-    length_m: Float[Array, ""]
+    length_m: Float[Any, ""]
     order: int = eqx.field(static=True)
     path: str = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)

@@ -28,7 +28,7 @@ class TractionSpectrum(eqx.Module):
     """A power spectrum per cell [Pa^2] of one traction component."""
 
     @abc.abstractmethod
-    def power(self, problem: LineProblem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Any, " k"]:
         """S at the line's wavenumbers."""
 
 
@@ -46,7 +46,7 @@ class Exponential(TractionSpectrum):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
         self.correlation_m = _positive("correlation_m", correlation_m)
 
-    def power(self, problem: LineProblem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Any, " k"]:
         line = problem.line
         return self.rms_Pa**2 * exponential_spectrum(line.k, line.cell_m, self.correlation_m)
 
@@ -59,7 +59,7 @@ class Flat(TractionSpectrum):
     def __init__(self, rms_Pa=1.0):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
 
-    def power(self, problem: LineProblem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Any, " k"]:
         k = problem.line.k
         return namespace(k).full(k.shape, self.rms_Pa**2)
 
@@ -75,7 +75,7 @@ class Normalised(TractionSpectrum):
     def __init__(self, noise_to_signal=1e-4):
         self.noise_to_signal = _positive("noise_to_signal", noise_to_signal)
 
-    def power(self, problem: LineProblem) -> Float[Array, " k"]:
+    def power(self, problem: LineProblem) -> Float[Any, " k"]:
         xp = namespace(problem)
         gain = xp.max(xp.abs(problem.forward.circulant().transfer)) ** 2
         last = problem.noise[:, -1:]
@@ -87,7 +87,7 @@ class Normalised(TractionSpectrum):
 class SpectralPrior(Prior):
     """P = S^-1 on the line taken as periodic over its window."""
 
-    power: Float[Array, "c k"]
+    power: Float[Any, "c k"]
 
     def root(self, line: Line) -> Float[Any, "c k"]:
         return 1 / namespace(self.power).sqrt(self.power)
@@ -102,7 +102,7 @@ class ScaledSpectra(Family):
     """Given spectra, each multiplied by a factor."""
 
     sign: ClassVar[int] = -1
-    power: Float[Array, "c k"]
+    power: Float[Any, "c k"]
 
     def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
         xp = namespace(log_weights, self.power)

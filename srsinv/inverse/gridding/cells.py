@@ -138,7 +138,7 @@ def _fitted_cells(
     speed = np.asarray(motion.speed_m_per_s)
     mean = speed.mean()
     gain: Any = in_numpy(amplifier).at_speed
-    a = np.asarray(gain(speed)) / np.asarray(gain(mean))
+    a = np.asarray(gain(speed)) / np.asarray(gain(np.asarray(mean)))
     x = np.maximum.accumulate(np.sign(mean) * np.asarray(motion.position_m))
     middles = sample_middles(x)
     length = float(middles[-1] - middles[0])

@@ -6,7 +6,7 @@ the traction shows these well enough for a rule.
 """
 
 import abc
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -17,7 +17,6 @@ from ...grid import as_real
 from ...status import Status
 from ..noise.nuisance import scored
 from . import iterative
-from .prior import Score
 from .problem import LineProblem
 from .solve import Family, Scorer, choose_path
 
@@ -47,8 +46,8 @@ class CriterionRule(Rule):
 
     @staticmethod
     @abc.abstractmethod
-    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
-        """The criterion to minimise."""
+    def criterion(score: Any, samples: int) -> Any:
+        """The criterion to minimise, from the terms of a [`Score`][], one number for each prior."""
 
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
         # A scan along the box's diagonal, then grids about the best point, each half as wide: no
@@ -87,7 +86,7 @@ class GeneralisedCrossValidation(CriterionRule):
     name: ClassVar[str] = "generalised cross validation"
 
     @staticmethod
-    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+    def criterion(score: Any, samples: int) -> Any:
         return score.residual / samples / (1 - score.freedom / samples) ** 2
 
 
@@ -97,7 +96,7 @@ class Evidence(CriterionRule):
     name: ClassVar[str] = "evidence"
 
     @staticmethod
-    def criterion(score: Score, samples: int) -> Float[Array, "..."]:
+    def criterion(score: Any, samples: int) -> Any:
         del samples
         return -score.log_evidence
 
