@@ -104,7 +104,7 @@ class _WhiteLevels:
         return np.concatenate([np.zeros(0), *powers])
 
 
-def _median(powers: Sequence[Float[np.ndarray, " k"]]) -> float:
+def _median(powers: Sequence[np.ndarray]) -> float:
     together = np.concatenate(powers)
     return float(np.median(together)) if together.size else 0.0
 
