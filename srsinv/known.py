@@ -19,12 +19,6 @@ Tree = TypeVar("Tree")
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-def is_known(*values: Any) -> bool:
-    """Whether all arrays are numbers in this computer's memory."""
-    leaves = jax.tree.leaves(values)
-    return not any(isinstance(leaf, Tracer) for leaf in leaves) and jax.default_backend() == "cpu"
-
-
 def in_numpy(tree: Tree) -> Tree:
     """The same with numpy's arrays in place of jax's."""
     return jax.tree.map(
@@ -41,11 +35,6 @@ def in_jax(tree: Tree) -> Tree:
     )
 
 
-def as_mask(values: Any) -> jax.Array:
-    """Truth values as an array of jax."""
-    return jnp.asarray(values, dtype=bool)  # without a dtype each shape would be compiled
-
-
 def by_numpy(function: Function) -> Function:
     """`function(..., xp=jnp)`, which computes by `xp`, as a function of its other arguments: by
     numpy where they are known, else a compiled program. It gives numpy's arrays where it is given
@@ -54,10 +43,11 @@ def by_numpy(function: Function) -> Function:
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
-        if not is_known(arguments):
+        leaves = jax.tree.leaves(arguments)
+        is_traced = any(isinstance(leaf, Tracer) for leaf in leaves)
+        if is_traced or jax.default_backend() != "cpu":
             return program(*arguments)
         made = function(*in_numpy(arguments), xp=np)
-        leaves = jax.tree.leaves(arguments)
         is_of_numpy = any(isinstance(leaf, np.ndarray | np.generic) for leaf in leaves)
         is_of_jax = any(isinstance(leaf, jax.Array) for leaf in leaves)
         return made if is_of_numpy and not is_of_jax else in_jax(made)

@@ -97,11 +97,11 @@ def _started() -> "Progress":
     from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn
     from rich.text import Text
 
-    class Status(ProgressColumn):
+    class StatusColumn(ProgressColumn):
         def render(self, task: Task) -> Text:
             return Text(task.fields["status"]())
 
-    columns = TextColumn("{task.description}", markup=False), BarColumn(20), Status()
+    columns = TextColumn("{task.description}", markup=False), BarColumn(20), StatusColumn()
     bars = Progress(*columns, console=Console(file=sys.stderr), transient=True,
                     redirect_stdout=False, redirect_stderr=False)  # fmt: skip
     bars.start()

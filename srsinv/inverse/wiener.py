@@ -147,10 +147,9 @@ class Wiener(Method):
         if self.scale == "given":
             return self._solved(problem, power, Status.GIVEN)
         scale, status = _likely_scale(problem, power, self.path)
+        scaled = np.asarray(scale)[:, None] * np.asarray(power)
         return conditioned(
-            lambda decades: self._solved(
-                problem, _scaled(power, np.asarray(scale) / 10**decades), status
-            )
+            lambda decades: self._solved(problem, as_real(scaled / 10**decades), status)
         )
 
     def _solved(
@@ -186,12 +185,6 @@ def _powers(
     problem: LineProblem, spectra: tuple[TractionSpectrum, ...], xp: Any = jnp
 ) -> Float[Any, "c k"]:
     return xp.stack([spectrum.power(problem) for spectrum in spectra])
-
-
-@by_numpy
-def _scaled(power: Float[Any, "c k"], scale: Float[Any, " c"], xp: Any = jnp) -> Float[Any, "c k"]:
-    del xp
-    return scale[:, None] * power
 
 
 def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, " c"], Status]:

@@ -116,7 +116,7 @@ class Coarse(NamedTuple):
         """The equations times so much of each hat."""
         return np.tensordot(values, self.images, 1)
 
-    def seen(self, r: Traction) -> Float[np.ndarray, " m"]:
+    def image_products(self, r: Traction) -> Float[np.ndarray, " m"]:
         """The product of each hat with the equations times r."""
         return np.tensordot(self.images, r, 2)
 
@@ -249,7 +249,9 @@ class PosteriorMap:
             r, coarse = self.normal.centre(r), self.coarse
             among = coarse.inverse @ coarse.gathered(r)
             z = self.near_times(r - coarse.image(among))
-            z = self.normal.centre(z + coarse.spread(among - coarse.inverse @ coarse.seen(z)))
+            z = self.normal.centre(
+                z + coarse.spread(among - coarse.inverse @ coarse.image_products(z))
+            )
         return z if self.shapes is None else z + self.shapes.times(r)
 
     def defect(self) -> float:

@@ -179,11 +179,20 @@ class LineModel(eqx.Module):
         cells = xp.any(ones, axis=0).astype(self.data.dtype)
         return hidden[:, None] * (cells / xp.sum(cells))[None, :]
 
+    @by_numpy
     def estimate_parts(
-        self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"]
+        self, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"], xp: Any = jnp
     ) -> EstimateParts:
         """What an estimate shows of a solution: see `EstimateParts`."""
-        return _estimate_parts(self, traction, stderr)
+        fitted = self.forward(xp.asarray(traction))
+        left = self.data - fitted
+        whitened = self.whitened(left)
+        return EstimateParts(
+            *with_means(self, traction, stderr),
+            fitted + self.mean_signal + self.free_offset(left),
+            whitened,
+            xp.nansum(whitened**2),
+        )
 
     @by_numpy
     def whitened(self, residual: Float[Numbers, "e n"], xp: Any = jnp) -> Float[Numbers, "e n"]:
@@ -221,21 +230,6 @@ class LineModel(eqx.Module):
         if self.forward.is_circular:
             return "unobserved: the signal is blind to it; the estimate is the deviation from it"
         return "weakly observed: only what the window's ends show of it"
-
-
-@by_numpy
-def _estimate_parts(
-    model: LineModel, traction: Float[Numbers, "c n"], stderr: Float[Numbers, "c n"], xp: Any = jnp
-) -> EstimateParts:
-    fitted = model.forward(xp.asarray(traction))
-    left = model.data - fitted
-    whitened = model.whitened(left)
-    return EstimateParts(
-        *with_means(model, traction, stderr),
-        fitted + model.mean_signal + model.free_offset(left),
-        whitened,
-        xp.nansum(whitened**2),
-    )
 
 
 @by_numpy

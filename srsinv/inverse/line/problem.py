@@ -20,7 +20,7 @@ from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Convolution, Line, Operator, as_real
-from ...known import as_mask, in_jax, in_numpy
+from ...known import in_jax, in_numpy
 from ...modules import with_fields
 from ...status import Status
 from ..diagnostics import beyond_modulus, residual_over_noise, unchecked_residual
@@ -277,7 +277,8 @@ class LineProblem(LineModel):
         self.rig_rows, self.rig_sources = None, tuple(rig_sources)
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         if observed is not None:
-            observed = None if np.all(observed) else as_mask(observed)
+            # With a dtype, without which each shape would be compiled.
+            observed = None if np.all(observed) else jnp.asarray(observed, dtype=bool)
         self.observed, self.sensor, self.scan = observed, sensor, scan
         self.scanned = None if scan is None else _scanned(line.n, observed, scan)
         self.known_mean_Pa = _pair(known_mean_Pa)
