@@ -23,6 +23,7 @@ LEAST_STEP = 1e-6  # of the correlation length: samples nearer than that are as 
 LEAST_START = 0.03  # of the white noise: a search from zero would not leave it
 LEAST_SLIDING = 1e-4  # of the white noise: less sliding noise than that is none
 FLAT = 1e-6  # slope by the log of a level at which a search ends; a sample alone makes about 1
+NEAR = 1e-2  # of the log of a level: within which the zero of the slopes is that of the search
 RANGE = 50.0  # the correlation length lies within this factor of the film's depth
 MOST_WHITE = 1e3  # times the estimate from the residual's differences
 
@@ -177,12 +178,26 @@ class _Likelihood:
 
 
 def _least(of: Callable[[Any], tuple[float, Any]], first, bounds) -> Any:
-    """The search by exact slopes ends where those are small, not where values hardly change: there
-    rounding, and so the processor, would decide."""
+    """The search for the least value, and from its end for the zero of the exact slopes beside it:
+    where values hardly change, rounding would decide, and so the processor."""
     options = {"ftol": 0.0, "gtol": FLAT}
-    return scipy.optimize.minimize(
+    least = scipy.optimize.minimize(
         of, first, jac=True, method="L-BFGS-B", bounds=bounds, options=options
     )
+    low, high = np.array(bounds, float).T
+    free = (low < least.x) & (least.x < high)
+
+    def at(inside) -> tuple[float, Any]:
+        logs = least.x.copy()
+        logs[free] = inside
+        return of(logs)
+
+    if free.any():
+        begun = least.x[free]
+        flat = scipy.optimize.root(lambda inside: np.asarray(at(inside)[1])[free], begun)
+        if flat.success and np.all(np.abs(flat.x - begun) < NEAR):
+            least.x[free], least.fun = flat.x, at(flat.x)[0]
+    return least
 
 
 def _directions(fitted, residual) -> Float[np.ndarray, "e sample k"]:
