@@ -82,8 +82,13 @@ class ContactLoading(Loading):
         shapes = [feature.shape(params[name]) for name, feature in features.items()]
         return Surface(shapes, params["base_friction"])
 
-    def contact(self, line: Line, surface: Surface, params: Any) -> Contact:
-        """How the skin lies on it."""
+    def contact(self, line: Line, features: Features, params: Any) -> Contact:
+        """How the skin lies on the surface of these parameters, whatever its friction, which would
+        be one more number to differentiate by."""
+        smooth = params | {"base_friction": 0.0}
+        for name, feature in features.items():
+            smooth[name] = {**params[name], **dict.fromkeys(feature.frictions, 0.0)}
+        surface = self.surface(features, smooth)
         given = line, surface, self.sensor.skin, params["nominal_pressure_Pa"]
         numbers, form = eqx.partition(given, eqx.is_array)
         leaves, tree = jax.tree.flatten(numbers)
@@ -93,7 +98,8 @@ class ContactLoading(Loading):
         self, line: Line, features: Features, params: Any, directions: tuple[bool, ...]
     ) -> list[Traction]:
         surface = self.surface(features, params)
-        return self._sliding(line, surface, self.contact(line, surface, params), params, directions)
+        contact = self.contact(line, features, params)
+        return self._sliding(line, surface, contact, params, directions)
 
     def _sliding(
         self,
@@ -117,7 +123,7 @@ class ContactLoading(Loading):
 
     def profiles(self, line: Line, features: Features, params: Any) -> Float[Array, "profile n"]:
         surface = self.surface(features, params)
-        contact, height = self.contact(line, surface, params), surface.height(line)
+        contact, height = self.contact(line, features, params), surface.height(line)
         (p, q), *_ = self._sliding(line, surface, contact, params, (True,))
         return jnp.stack([p, q, height, contact.gap_m, surface.friction(line)])
 

@@ -28,7 +28,7 @@ from ..noise.residual import ResidualNoise
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
 from ..rig.error import CELLS, MISFIT, OTHER_MINIMUM, SensorError, UncertainSetup
-from ..rig.setup import OF_CONTACT, Setup
+from ..rig.setup import OF_CONTACT
 from .budget import budget_of, contradicted, names_of_facts
 from .causes import Explained, FittedModel, explained
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
@@ -337,12 +337,9 @@ class FeatureFitter:
         noticed."""
         if result.noise_rms is not None or not cells_may_show(result):
             return {}
-        exact, params = model.at_facts(jax.tree.map(as_real, result.value))
-        setup = Setup(self._sensor)
-        if model.uncertain is not None:
-            setup = model.uncertain.setup(params["calibration"])
-        finer = exact.halved(setup.sensor, setup.motion(self._motion))
-        change = np.asarray(finer(params)) - np.asarray(exact(params))
+        params = jax.tree.map(as_real, result.value)
+        finer = np.asarray(model.on_finer_cells(params, self._sensor, self._motion))
+        change = finer - result.signal()
         moves = result.moves(change)
         return {CELLS: moves[:, None]} if are_noticed(moves, result) else {}
 

@@ -122,9 +122,7 @@ class FeatureModel(eqx.Module):
     def with_setup(self, setup: Setup, motion: Motion) -> "FeatureModel":
         """The same features and line under another setup of the same films' number; `motion` is
         the one that is stated."""
-        reach, own = None if self.operator.end is None else FAR_M, setup.motion(motion)
-        operator = operator_along(setup.sensor, self.line, own, reach, self.operator.directions)
-        return dataclasses.replace(self, operator=operator)
+        return dataclasses.replace(self, operator=_under(self.operator, setup, motion))
 
     def at_facts(self, params: Any) -> tuple["FeatureModel", Any]:
         """The model and the parameters with the facts of the rig that `calibration` stands for."""
@@ -145,15 +143,22 @@ class FeatureModel(eqx.Module):
         may be off further."""
         still = {*OF_CONTACT} | ({"speed"} if self.operator.end is None else set())
         moving = known.directions_of(frozenset(still))
-        uncertain, operator = _uncertain_operator(self, known, as_real(off), moving)
+        uncertain, operator = _uncertain_operator(self.operator, known, as_real(off), moving)
         return dataclasses.replace(self, operator=operator, uncertain=uncertain)
 
-    def halved(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
-        """The same features of a surface on cells half as wide, at facts that are exact."""
+    @compiled
+    def on_finer_cells(
+        self, params: Any, sensor: Sensor, motion: Motion
+    ) -> Float[Array, "e sample"]:
+        """The signal of features of a surface on cells half as wide; `sensor` and `motion` are
+        those that are stated."""
+        here, own = self.at_facts(params)
+        known = None if self.uncertain is None else self.uncertain.setup
+        setup = Setup(sensor) if known is None else known(params["calibration"])
         line, directions = self.line, self.operator.directions
         finer = type(line)(2 * line.n, line.cell_m / 2, line.start_m - line.cell_m / 4)
-        operator = operator_along(sensor, finer, motion, None, directions)
-        return dataclasses.replace(self, operator=operator)
+        operator = operator_along(setup.sensor, finer, setup.motion(motion), None, directions)
+        return dataclasses.replace(here, operator=operator)._signal(own)
 
     @compiled
     def traction(self, params: Any) -> Float[Array, "2 n"]:
@@ -201,10 +206,21 @@ def _stacked(directions: list[Float[Array, "2 *n"]]) -> Float[Array, "..."]:
 
 @compiled
 def _uncertain_operator(
-    model: FeatureModel, known: UncertainSetup, off: Float[Array, " j"], moving: tuple[int, ...]
+    operator: MotionOperator,
+    known: UncertainSetup,
+    off: Float[Array, " j"],
+    moving: tuple[int, ...],
 ) -> tuple[UncertainOperator, MotionOperator]:
     return UncertainOperator.about(
-        known, off, moving, lambda setup: model.with_setup(setup, known.motion).operator
+        known, off, moving, lambda setup: _under(operator, setup, known.motion)
+    )
+
+
+def _under(operator: MotionOperator, setup: Setup, motion: Motion) -> MotionOperator:
+    """The operator of another setup on the same line."""
+    reach = None if operator.end is None else FAR_M
+    return operator_along(
+        setup.sensor, operator.line, setup.motion(motion), reach, operator.directions
     )
 
 

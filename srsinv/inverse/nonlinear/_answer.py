@@ -167,11 +167,15 @@ class Fit:
             ),
         )
 
-    def whitened_signal(self) -> np.ndarray:
-        """The fitted signal in units of the noise, in a row like `whitened`."""
+    def signal(self) -> np.ndarray:
+        """The fitted signal, like the data; 0 where they are left out."""
         objective = self._objective
         observed = objective.whiten.observed(objective.y.shape)
-        signal = np.where(observed, np.asarray(objective.y) - self.residual, 0.0)
+        return np.where(observed, np.asarray(objective.y) - self.residual, 0.0)
+
+    def whitened_signal(self) -> np.ndarray:
+        """The fitted signal in units of the noise, in a row like `whitened`."""
+        objective, signal = self._objective, self.signal()
         # With an unknown noise level, least squares and no priors, neither is in units of the
         # noise.
         level_counts = objective.is_robust or objective.prior_mean is not None

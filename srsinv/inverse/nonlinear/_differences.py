@@ -14,14 +14,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from ...compiled import compiled
 from ...errors import refuse
-from ...grid import as_real
 from ...numerics import orthonormal_basis
 from ...status import Status
 from ..diagnostics import slope_by_differences
 from ._answer import Fit, Summary, terms_of
-from ._search import Objective, SearchEnd
+from ._search import Objective, Search, SearchEnd
 
 # Standard errors: as far from its minimum a search may stop, as the jumps are as large there.
 STOPPED_NEAR = 1.0
@@ -30,7 +28,11 @@ FRACTIONS = (1.0, 0.5, 0.25)  # of the step to the differences' minimum, where t
 
 
 def with_differences(
-    summary: Summary, objective: Objective, ends: SearchEnd, steps: Mapping[str, float]
+    summary: Summary,
+    objective: Objective,
+    ends: SearchEnd,
+    search: Search,
+    steps: Mapping[str, float],
 ) -> Fit:
     """The `Fit` at the end of a search, its errors by differences over `steps` by name.
 
@@ -39,12 +41,12 @@ def with_differences(
     too, and the minimum is within a standard error, the errors hold how far it is.
     """
     ends = jax.device_get(ends)
-    by_steps = jax.device_get(_differenced(objective, ends, steps))
+    by_steps = jax.device_get(_differenced(objective, ends, search, steps))
     found = summary(objective, by_steps)
     if found.status not in SHORT:
         return found
     own, distance = summary(objective, ends), "distance_to_minimum"
-    falls = partial(_falls, summary, objective, by_steps, found)
+    falls = partial(_falls, summary, objective, by_steps, search, found)
     if own.status in SHORT or (own.converged and falls(summary.solver.near_enough)):
         is_far = max(own.stats[distance], found.stats[distance]) > STOPPED_NEAR
         return found if is_far or falls(STOPPED_NEAR) else found.stopped_near()
@@ -56,7 +58,9 @@ def with_differences(
     return dataclasses.replace(found, status=own.status, stats=stats, notes=notes)
 
 
-def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, float]) -> SearchEnd:
+def _differenced(
+    objective: Objective, ends: SearchEnd, search: Search, steps: Mapping[str, float]
+) -> SearchEnd:
     """The search's end with central differences in the Jacobian's columns of these parameters."""
     names, jacobian = objective.layout.free_names, np.array(ends.jacobian)
     for name, step in steps.items():
@@ -66,13 +70,18 @@ def _differenced(objective: Objective, ends: SearchEnd, steps: Mapping[str, floa
         at = names.index(name)
         off = np.zeros(ends.z.size)
         off[at] = step
-        above, below = (_white_at(objective, ends.z, as_real(sign * off)) for sign in (1, -1))
+        above, below = (search.white_at(objective, ends.z + sign * off) for sign in (1, -1))
         jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
     return ends._replace(jacobian=jnp.asarray(jacobian))
 
 
 def _falls(
-    summary: Summary, objective: Objective, ends: SearchEnd, found: Fit, within: float
+    summary: Summary,
+    objective: Objective,
+    ends: SearchEnd,
+    search: Search,
+    found: Fit,
+    within: float,
 ) -> bool:
     """Whether the cost is lower along the step to the differences' minimum, by more than it is from
     so far `within` a minimum: standard errors per root parameter."""
@@ -85,7 +94,7 @@ def _falls(
 
     def cost_at(fraction: float) -> float:
         z = np.clip(ends.z + fraction * step, unknowns.lower, unknowns.upper)
-        white = _white_at(objective, ends.z, as_real(z - ends.z))
+        white = search.white_at(objective, z)
         there = terms_of(objective, ends._replace(z=z, white=white))[0]
         return 0.5 * float(there @ there)
 
@@ -101,8 +110,3 @@ def _distance_by_noise(objective: Objective, ends: SearchEnd, by_steps: SearchEn
     own, theirs = (orthonormal_basis(terms_of(objective, each)[1]) for each in (ends, by_steps))
     across = theirs - own @ (own.T @ theirs)
     return float(np.linalg.norm(across)) / np.sqrt(max(theirs.shape[1], 1))
-
-
-@compiled
-def _white_at(objective: Objective, z, off):
-    return objective.white(z + off)[0]

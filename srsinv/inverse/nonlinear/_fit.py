@@ -17,7 +17,7 @@ from ._loss import Loss
 from ._parameters import Tree, on_host, parameters
 from ._request import check_linear, checked_data, checked_solver, data_unit, filled, objective_of
 from ._saddle import escape_saddle
-from ._search import Objective, SearchEnd, search
+from ._search import Objective, Search, SearchEnd
 from ._solvers import Solver
 from ._starts import starting_points, starting_rows
 
@@ -73,20 +73,20 @@ def fit(
     check_linear(objective, points, linear)
     solver = checked_solver(solver, max_searches=max_searches)
     box = on_host(unknowns.lower), on_host(unknowns.upper)
-    settings = solver, points, *box, max_searches
-    ends = search(objective, *settings)
+    search = Search(solver, points, *box, max_searches)
+    ends = search(objective)
     if not level_known and (objective.prior_mean is not None or objective.is_robust):
         for _ in range(SCALES):
             scale = _level(objective, ends)
             settled = abs(scale / float(objective.scale) - 1) < 1e-3
             objective = dataclasses.replace(objective, scale=on_host(scale))
-            ends = search(objective, *settings)
+            ends = search(objective)
             if settled:
                 break
-    ends = escape_saddle(objective, ends, *settings)
+    ends = escape_saddle(objective, ends, search)
     summary = Summary(objective, unknowns, level_known, solver)
     if steps:
-        return with_differences(summary, objective, ends, steps)
+        return with_differences(summary, objective, ends, search, steps)
     return summary(objective, jax.device_get(ends))
 
 
@@ -148,9 +148,10 @@ def fit_many(
     fits = []
     for i, (y, end) in enumerate(zip(ys, ends, strict=True)):
         mine = dataclasses.replace(objective, y=y)
-        settings = solver, points if own is None else on_host(own[i : i + 1]), *box, max_searches
-        end = jax.device_get(search(mine, *settings)) if end is None else end
-        fitted = summary(mine, jax.device_get(escape_saddle(mine, end, *settings)))
+        begun = points if own is None else on_host(own[i : i + 1])
+        search = Search(solver, begun, *box, max_searches)
+        end = jax.device_get(search(mine)) if end is None else end
+        fitted = summary(mine, jax.device_get(escape_saddle(mine, end, search)))
         notes = false_minimum(fitted.known_chi2, fitted.stats["degrees_of_freedom"])
         fits.append(dataclasses.replace(fitted, notes=notes))
     return fits

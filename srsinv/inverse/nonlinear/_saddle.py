@@ -1,30 +1,29 @@
 """Restart of a search that began on a saddle or a maximum and could not leave it."""
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 
 from ...compiled import compiled
 from ...grid import as_real
 from ._answer import rows_of
-from ._search import Objective, SearchEnd, search
-from ._solvers import Solver
+from ._search import Objective, Search, SearchEnd
 from ._uncertainty import ROUNDING_FACTOR, spread
 
 ESCAPES = 3  # times that a search is begun again
 BESIDE = (1.0, 0.1, 0.01)  # standard errors at which a lower cost is tried
 
 
-def escape_saddle(
-    objective: Objective, ends: SearchEnd, solver: Solver, starts, lower, upper, max_searches
-):
+def escape_saddle(objective: Objective, ends: SearchEnd, search: Search) -> SearchEnd:
     """Search again from beside a saddle or a maximum where a search began and could not leave: the
     slope is zero there as in a minimum."""
     for _ in range(ESCAPES):
-        beside = _lower_beside(objective, ends, lower, upper)
+        beside = _lower_beside(objective, ends, search.lower, search.upper)
         if beside is None:
             break
-        starts = jnp.broadcast_to(beside, starts.shape)
-        ends = search(objective, solver, starts, lower, upper, max_searches)
+        starts = np.broadcast_to(beside, search.starts.shape)
+        ends = dataclasses.replace(search, starts=starts)(objective)
     return ends
 
 

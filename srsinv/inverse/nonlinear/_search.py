@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -43,6 +44,13 @@ class Objective(eqx.Module):
     def is_robust(self) -> bool:
         """Whether outliers weigh less than their square."""
         return not isinstance(self.loss, Squares)
+
+    @property
+    def searched(self) -> "Objective":
+        """The same, linear parameters among those that are searched where the loss has no closed
+        form for them: there they start from least squares."""
+        layout = dataclasses.replace(self.layout, linear=())
+        return dataclasses.replace(self, layout=layout) if self.is_robust else self
 
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
@@ -125,33 +133,78 @@ class VariableProjection(eqx.Module):
         """The parameters that are searched for."""
         return z[..., self._places[0]]
 
-    def whole(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
-        """All free parameters, the linear ones solved for."""
-        return self.solved(v)[0]
-
     def terms(self, v: Float[Array, " v"]) -> Float[Array, " terms"]:
         """The terms at the best linear parameters."""
         if not len(self._places[1]):
             return self.objective.terms(self._from(v))
         return _left(v, split=self)
 
-    def linearised(self, v: Float[Array, " v"]) -> Linearised:
-        """The whole problem at the best linear parameters."""
-        z = self.whole(v) if len(self._places[1]) else self._from(v)
-        white, push, residual = jax.linearize(self.objective.white, z, has_aux=True)
-        jacobian = jax.vmap(push, out_axes=1)(jnp.eye(z.size, dtype=z.dtype))
-        return Linearised(z, white, jacobian, residual)
+    def linearised(self, z: Float[Array, " m"]) -> Linearised:
+        """The whole problem at z, or, where its linear parameters are NaN, at the best ones.
+
+        The model and its derivative by v are affine in the linear parameters. Both are followed
+        from zero, so that what these do not enter, as a contact, is computed once.
+        """
+        searched, linear = self._places
+        if not len(linear):
+            return Linearised(z, *_with_columns(self.objective.white, z))
+        v, given = z[searched], z[linear]
+
+        def along(c):
+            return _with_columns(lambda v: self._beside(v).white(c), v)
+
+        (rest, own, residual), basis, push = self._affine(along)
+        c = jnp.where(jnp.isnan(given), self._best(v, rest, basis)[0], given)
+        _, more, moved = push(c)
+        jacobian = jnp.zeros((rest.size, z.size), z.dtype)
+        jacobian = jacobian.at[:, searched].set(own + more).at[:, linear].set(basis)
+        return Linearised(z.at[linear].set(c), rest + basis @ c, jacobian, residual + moved)
 
     def projected(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
         """`terms`, and their derivative (terms, v) after Kaufman."""
         searched, linear = self._places
-        terms, jacobian = self._with_priors(self.linearised(v))
+        terms, jacobian = self._with_priors(self.linearised(self.unsolved(v)))
         own, basis = jacobian[:, searched], jacobian[:, linear]
         return terms, own - basis @ _least_squares(basis, own)
 
-    def _from(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
-        searched, linear = self._places
-        return jnp.zeros(len(searched) + len(linear), v.dtype).at[searched].set(v)
+    def whole(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
+        """All free parameters, the linear ones solved for, and the terms there."""
+        start, linear = self._from(v), self._places[1]
+        if not len(linear):
+            return start, self.objective.terms(start)
+        (rest, _), basis, _ = self._affine(self._beside(v).white)
+        c, terms = self._best(v, rest, basis)
+        return start.at[linear].set(c), terms
+
+    def unsolved(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
+        """All free parameters, NaN for the linear ones."""
+        return self._from(v, jnp.nan)
+
+    def _from(self, v: Float[Array, " v"], linear: float = 0.0) -> Float[Array, " m"]:
+        size = sum(map(len, self._places))
+        return jnp.full(size, linear, v.dtype).at[self._places[0]].set(v)
+
+    def _beside(self, v: Float[Array, " v"]) -> Objective:
+        """The objective as a function of the linear parameters."""
+        return self.objective.only(self._places[1].tolist(), self._from(v))
+
+    def _affine(self, function: Callable[[Array], Any]) -> tuple[Any, Float[Array, "n c"], Any]:
+        """An affine function of the linear parameters: its value at zero, the columns of the first
+        part of it, and how it moves with them."""
+        zero = jnp.zeros_like(jnp.asarray(self.objective.row), shape=len(self._places[1]))
+        rest, push = jax.linearize(function, zero)
+        return rest, jax.vmap(lambda c: push(c)[0], out_axes=1)(jnp.diag(zero + 1)), push
+
+    def _best(
+        self, v: Float[Array, " v"], rest: Float[Array, " n"], basis: Float[Array, "n c"]
+    ) -> tuple[Float[Array, " c"], Float[Array, " terms"]]:
+        """The best linear parameters, and the terms there."""
+        weight, linear = self.objective.prior_weight, self._places[1]
+        if weight is not None:
+            held = jnp.diag(jnp.asarray(weight))[:, linear]
+            rest, basis = self.objective.with_priors(rest, self._from(v)), jnp.vstack([basis, held])
+        c = _least_squares(basis, -rest)
+        return c, rest + basis @ c
 
     def _with_priors(self, at: Linearised) -> tuple[Array, Array]:
         weight, mean = self.objective.prior_weight, self.objective.prior_mean
@@ -160,26 +213,16 @@ class VariableProjection(eqx.Module):
         terms = jnp.concatenate([at.white, (at.z - mean) * weight])
         return terms, jnp.concatenate([at.jacobian, jnp.diag(weight)])
 
-    def solved(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
-        """`whole` and `terms`."""
-        linear, start = self._places[1], self._from(v)
-        if not len(linear):
-            return start, self.objective.terms(start)
 
-        alone = self.objective.only(linear.tolist(), start)
-
-        def along(c):
-            return self.objective.with_priors(alone.terms(c), start.at[linear].set(c))
-
-        rest, push = jax.linearize(along, jnp.zeros(len(linear), v.dtype))
-        basis = jax.vmap(push, out_axes=1)(jnp.eye(len(linear), dtype=v.dtype))
-        c = _least_squares(basis, -rest)
-        return start.at[linear].set(c), rest + basis @ c
+def _with_columns(function: Callable[[Array], tuple[Array, Any]], at: Float[Array, " m"]):
+    """A function's value, the columns of its derivative, and what else it gives."""
+    value, push, more = jax.linearize(function, at, has_aux=True)
+    return value, jax.vmap(push, out_axes=1)(jnp.eye(at.size, dtype=at.dtype)), more
 
 
 @eqx.filter_custom_jvp
 def _left(v: Float[Array, " v"], split: VariableProjection) -> Float[Array, " terms"]:
-    return split.solved(v)[1]
+    return split.whole(v)[1]
 
 
 @_left.def_jvp
@@ -217,43 +260,81 @@ class SearchEnd(NamedTuple):
     done: Bool[Host, ""]
 
 
+@dataclass(frozen=True)
+class Search:
+    """A search by a solver from the `max_searches` best of `starts` (s, m), within bounds (m,)."""
+
+    solver: Solver
+    starts: Float[Host, "s m"]
+    lower: Float[Host, " m"]
+    upper: Float[Host, " m"]
+    max_searches: int
+
+    def __call__(self, objective: Objective) -> SearchEnd:
+        """The best of the minima reached."""
+        return self._run(objective, np.full_like(self.lower, np.nan))
+
+    def white_at(self, objective: Objective, z: Float[Host, " m"]) -> Float[Host, " n"]:
+        """The whitened residual at a point, by the search's own program: the model is nearly all of
+        it, and takes seconds to compile."""
+        return self._run(objective, z.astype(self.lower.dtype)).white
+
+    def _run(self, objective: Objective, at: Float[Host, " m"]) -> SearchEnd:
+        settings = self.solver, self.starts, self.lower, self.upper, self.max_searches
+        return _searched(objective, *settings, at)
+
+
 @compiled
-def search(
-    objective: Objective, solver: Solver, starts, lower, upper, max_searches: int
+def _searched(
+    objective: Objective, solver: Solver, starts, lower, upper, max_searches: int, at
 ) -> SearchEnd:
-    """The best of the minima reached from the `max_searches` best starts (s, m)."""
-    return _search(objective, solver, starts, lower, upper, max_searches)
+    """The end of a search, or, where `at` (m,) is not NaN, the residual there."""
+    split = VariableProjection(objective.searched)
+    count = min(max_searches, len(starts)) if split.nonlinear(at).size else 1
+
+    def residual_there() -> SearchEnd:
+        white, residual = objective.white(at)
+        costs, start_costs = jnp.zeros(count, at.dtype), jnp.zeros(len(starts), at.dtype)
+        slopes = jnp.zeros((white.size, at.size), white.dtype)
+        no_steps, not_done = jnp.array(0), jnp.array(False)
+        return SearchEnd(at, white, slopes, residual, costs, start_costs, no_steps, not_done)
+
+    def end() -> SearchEnd:
+        return _end(split, solver, _begun(objective, starts), (lower, upper), max_searches)
+
+    return jax.lax.cond(jnp.isnan(at).any(), end, residual_there)
 
 
-def _search(
-    objective: Objective, solver: Solver, starts, lower, upper, max_searches: int
+def _begun(objective: Objective, starts: Float[Array, "s m"]) -> Float[Array, "s m"]:
+    """The starts, with the linear parameters of least squares where the loss is another."""
+    if not (objective.is_robust and objective.layout.linear):
+        return starts
+    split = VariableProjection(dataclasses.replace(objective, loss=Squares()))
+    return jax.lax.map(lambda z: split.whole(split.nonlinear(z))[0], starts)
+
+
+def _end(
+    split: VariableProjection, solver: Solver, starts, bounds: tuple[Any, Any], max_searches: int
 ) -> SearchEnd:
-    split = VariableProjection(objective)
-    if objective.layout.linear and not isinstance(objective.loss, Squares):
-        # A robust loss has no closed form: its linear parameters start from least squares.
-        least_squares = VariableProjection(dataclasses.replace(objective, loss=Squares()))
-        starts = jax.lax.map(lambda z: least_squares.whole(least_squares.nonlinear(z)), starts)
-        together = dataclasses.replace(objective.layout, linear=())
-        split = VariableProjection(dataclasses.replace(objective, layout=together))
+    """The best of the minima reached."""
 
     def cost(v):
         return _known(0.5 * jnp.sum(split.terms(v) ** 2))
 
     v0 = split.nonlinear(starts)
-    box = split.nonlinear(lower), split.nonlinear(upper)
+    box = split.nonlinear(bounds[0]), split.nonlinear(bounds[1])
     start_costs = None
     if len(v0) > max_searches:
         start_costs = jax.lax.map(cost, v0)
         v0 = v0[_promising(v0, start_costs)[:max_searches]]
     ends = _minima(split, solver, v0, box, cost)
     costs = _known(ends.cost)
-    at = jnp.argmin(costs)
-    best = jax.tree.map(lambda leaf: leaf[at], ends)
+    best = jax.tree.map(lambda leaf: leaf[jnp.argmin(costs)], ends)
     return SearchEnd(
-        **vars(split.linearised(best.point)),
+        **vars(split.linearised(split.unsolved(best.point))),
         costs=costs,
         start_costs=_known(ends.start_cost) if start_costs is None else start_costs,
-        iterations=best.iterations,
+        iterations=jnp.asarray(best.iterations, int),
         done=best.done,
     )
 
