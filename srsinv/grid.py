@@ -24,7 +24,7 @@ from jaxtyping import Array, Complex, Float
 from .compiled import compiled
 from .errors import number, refuse
 from .known import by_numpy
-from .numerics import fast_length
+from .numerics import fast_length, shared_count
 
 Scalar = float | Float[Array, ""]
 
@@ -263,7 +263,7 @@ class Open(Line):
     def operator(self, stage: Stage) -> Convolution:
         length = fast_length(2 * self.n)
         # So many cells that lines of many lengths share a program.
-        responses = _cell_responses(stage, _shared_count(self.n), self.cell_m)
+        responses = _cell_responses(stage, shared_count(self.n), self.cell_m)
         transfer = _transfer(*responses, self.n, length)
         return Convolution(transfer, self.cell_m, self.n, length, stage.has_dc_gain)
 
@@ -275,12 +275,6 @@ class Open(Line):
 # inverse distance, where it converges within a `CLEAR`-th of that distance: a polynomial through
 # `NODES` places leaves 1e-18 of the largest response.
 FAR, CLEAR, NODES = 256, 4.0, 16
-
-
-def _shared_count(n: int) -> int:
-    """A number of cells from n on, at most a quarter more: 4, 5, 6 or 7 times a power of two."""
-    step = 1 << max(0, (n - 1).bit_length() - 3)
-    return -(-n // step) * step
 
 
 @by_numpy

@@ -30,6 +30,13 @@ def fast_length(least: int) -> int:
     return min(lengths)
 
 
+def shared_count(n: int) -> int:
+    """A number from n on, at most a quarter more: 4, 5, 6 or 7 times a power of two. Programs for
+    so many cells or samples serve all lengths below."""
+    step = 1 << max(0, (n - 1).bit_length() - 3)
+    return -(-n // step) * step
+
+
 def blackman_harris(n: int) -> Float[np.ndarray, " n"]:
     """Harris's window of four terms, whose side lobes are below -92 dB (1978, table 1)."""
     phase = np.linspace(-np.pi, np.pi, n)

@@ -12,6 +12,7 @@ from jaxtyping import Array, Float
 
 from ..errors import number, refuse
 from ..grid import Line, Scalar, as_real
+from ..known import by_numpy
 
 MIN_SAMPLES = 3
 MAX_INTERVAL_ROUNDING = 1e-3  # of the shortest interval: what rounding the times may take off one
@@ -118,11 +119,24 @@ class Motion(eqx.Module):
         At a standstill friction keeps the sign of the motion before, and ahead of the first motion
         it has the sign of that. Zero where nothing ever moves.
         """
-        return _last_sign(self.speed_m_per_s)
+        return as_real(_last_sign(self.speed_m_per_s))
 
     def scaled(self, factor: Scalar) -> "Motion":
         """The motion with speeds and positions times `factor`."""
         return Motion(self.time_s, factor * self.position_m, factor * self.speed_m_per_s)
+
+    def held(self, count: int) -> "Motion":
+        """The motion, and at its end a standstill, up to `count` samples. Of a motion that is not
+        traced."""
+        time_s, x, speed = (
+            np.asarray(each) for each in (self.time_s, self.position_m, self.speed_m_per_s)
+        )
+        after = np.arange(1, count - time_s.size + 1)
+        return Motion(
+            np.append(time_s, time_s[-1] + after / self.sample_rate_hz),
+            np.append(x, np.full(after.size, x[-1])),
+            np.append(speed, np.zeros(after.size)),
+        )
 
     @property
     def sample_rate_hz(self) -> float:
@@ -138,11 +152,12 @@ class Motion(eqx.Module):
         return tuple(direction for direction in (True, False) if np.any(onwards == direction))
 
 
-@jax.jit
-def _last_sign(speed: Float[Array, " sample"]) -> Float[Array, " sample"]:
-    sign = jnp.sign(speed)
-    moved = jax.lax.cummax(jnp.where(sign != 0, jnp.arange(sign.size), -1))
-    return sign[jnp.where(moved < 0, jnp.argmax(sign != 0), moved)]
+@by_numpy
+def _last_sign(speed: Float[Any, " sample"], xp: Any = jnp) -> Float[Any, " sample"]:
+    sign = xp.sign(speed)
+    place = xp.where(sign != 0, xp.arange(sign.size), -1)
+    moved = np.maximum.accumulate(place) if xp is np else jax.lax.cummax(place)
+    return sign[xp.where(moved < 0, xp.argmax(sign != 0), moved)]
 
 
 def _check_columns(**columns) -> None:

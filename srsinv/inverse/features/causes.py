@@ -23,7 +23,9 @@ import scipy
 from jaxtyping import Float, Int
 
 from ... import false_alarm
+from ...compiled import compiled
 from ...forward.filter import FirstOrder
+from ...forward.operator import MotionOperator
 from ...forward.scan import Motion
 from ...grid import as_real
 from ...numerics import orthonormal_basis
@@ -396,8 +398,13 @@ class Loads(NamedTuple):
         places, widths_m = (each.ravel() for each in np.meshgrid(places, widths_m))
         bumps = np.exp(-(((line - places[:, None]) / widths_m[:, None]) ** 2) / 2)
         each = as_real(np.einsum("pn,cd->pcdn", bumps, np.eye(2)).reshape(-1, 2, line.size))
-        signals = np.asarray(jax.jit(lambda rows: jax.lax.map(operator, rows))(each))
+        signals = model.first(_signals(operator, each))
         return cls(places, signals.reshape(len(places), 2, *signals.shape[1:]))
+
+
+@compiled
+def _signals(operator: MotionOperator, tractions: Any) -> Any:
+    return jax.lax.map(operator, tractions)
 
 
 def of_each(columns: Float[np.ndarray, "e m sample"]) -> Rows:

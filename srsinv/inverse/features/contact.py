@@ -28,6 +28,7 @@ from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...forward.surface import Surface
 from ...grid import Line, as_real
+from ...numerics import shared_count
 from ...resolution import cell_m
 from ..estimate import averages
 from ..nonlinear import Fit, Optimistix, Solver
@@ -195,9 +196,9 @@ class ContactLoading(Loading):
         if whole:
             shapes = np.vstack([shapes, [given[name] for name in columns]])
             places = np.append(places, given[PLACE])
-        # Filled up to whole rounds: an incomplete round would be compiled a second time.
-        rounds = -(-len(shapes) // AT_ONCE)
-        size = -(-len(shapes) // rounds)
+        # Filled up to rounds of one size: any other would be compiled, too.
+        size = min(shared_count(len(shapes)), AT_ONCE)
+        rounds = -(-len(shapes) // size)
         filled = shapes[np.minimum(np.arange(rounds * size), len(shapes) - 1)]
         alone = model.with_features({"one": feature})
         shifted = _Shifting(alone)
@@ -223,7 +224,8 @@ class ContactLoading(Loading):
             "edge_length_m": as_real(edge),
             PLACE: as_real(float(line.x[line.n // 2])),
         }
-        fields = np.asarray(_fields(model, {k: as_real(v) for k, v in shapes.items()}, rest))
+        shapes = {k: as_real(v) for k, v in shapes.items()}
+        fields = np.asarray(_fields(model.filled, shapes, rest))
         by_element = fields.swapaxes(2, 3)
         return by_element.reshape(*by_element.shape[:3], -1)
 
@@ -357,11 +359,11 @@ class _Shifting:
 
     def __init__(self, model: Any):
         line, operator, motion = model.line, model.operator, model.loading.motion
-        onwards = np.asarray(motion.direction) >= 0
+        onwards = model.first(motion.direction) >= 0
         x = np.asarray(line.x)
-        self._gain, self._n = np.asarray(operator.gain), line.n
+        self._gain, self._n = np.asarray(model.first(operator.gain)), line.n
         self._direction = np.array([operator.directions.index(bool(each)) for each in onwards])
-        self._from_middle = np.asarray(motion.position_m) + float(x[line.n // 2])
+        self._from_middle = np.asarray(model.first(motion.position_m)) + float(x[line.n // 2])
         self._start_m, self._cell_m = float(x[0]), float(line.cell_m)
 
     def __call__(self, fields, place: float) -> Float[np.ndarray, "start part e sample"]:

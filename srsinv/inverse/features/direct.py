@@ -62,7 +62,7 @@ class DirectLoading(Loading):
     ) -> Iterator[TrialShapes]:
         shapes = feature.starts(stretch)
         alone = model.with_features({"one": feature})
-        signals = np.asarray(responses(alone, {k: as_real(v) for k, v in shapes.items()}))
+        signals = responses(alone, {k: as_real(v) for k, v in shapes.items()})
         yield TrialShapes(shapes, np.zeros(signals.shape[2:]), signals)
 
     def begun(self, feature: Any) -> dict[str, float]:
@@ -137,9 +137,13 @@ def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
     return 0.5 * (1 + jnp.cos(jnp.pi * jnp.clip(2 * outside - 1, 0.0, 1.0)))
 
 
-@compiled
-def responses(model: Any, shapes) -> Float[Array, "start a e sample"]:
+def responses(model: Any, shapes) -> Float[np.ndarray, "start a e sample"]:
     """Signals of every unit amplitude of the model's only feature, for each shape."""
+    return np.asarray(model.first(_responses(model.filled, shapes)))
+
+
+@compiled
+def _responses(model: Any, shapes) -> Float[Array, "start a e sample"]:
     ((name, feature),) = model.features.items()
     elements = model.operator.field.transfer.shape[0]
     rest = {"offset": jnp.zeros(elements)} if model.free_offset else {}

@@ -109,7 +109,7 @@ class FeatureEstimate(Estimate):
     ) -> "FeatureEstimate":
         """That the data are noise alone."""
         white, observed = whitener(noise, y.shape)
-        rest = np.asarray(white(as_real(np.where(observed, y, 0.0))))
+        rest = white.whitened(np.where(observed, y, 0.0))
         count = white.count(y.shape)
         volume = white.log_volume(y.shape) + count / 2 * np.log(2 * np.pi)
         chi2 = float(rest @ rest) / count if count else None
@@ -174,7 +174,7 @@ class FeatureEstimate(Estimate):
         level = np.reshape(self.background_Pa, (2, 1))
         if self.fit is None:
             return np.zeros((2, self.line.n)) + level
-        of = _CellTraction(self.model, self.line, None)
+        of = _CellTraction(self.model.filled, self.line, None)
         return np.asarray(of(self.fit.value)).reshape(2, -1) + level
 
     @property
@@ -217,7 +217,7 @@ class FeatureEstimate(Estimate):
         shape = len(names), self.model.line.n
         if self.fit is None:
             return {name: (np.zeros(shape[1]), np.zeros(shape[1])) for name in names}
-        value, stderr = self._derived(_Profiles(self.model), shape)
+        value, stderr = self._derived(_Profiles(self.model.filled), shape)
         return dict(zip(names, zip(value, stderr, strict=True), strict=True))
 
     def _traction(self, cells: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
@@ -225,7 +225,7 @@ class FeatureEstimate(Estimate):
         if self.fit is None:
             return np.zeros(shape), np.zeros(shape)
         weights = None if cells is None else as_real(cells / cells.sum())
-        return self._derived(_CellTraction(self.model, self.line, weights), shape)
+        return self._derived(_CellTraction(self.model.filled, self.line, weights), shape)
 
     def _derived(
         self, function: "_Profiles | _CellTraction", shape

@@ -35,7 +35,7 @@ from .contact import are_noticed, cell_for, cells_may_show, checked_names
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
 from .misfit import FitMisfit
-from .model import FeatureModel, scan_extent
+from .model import FeatureModel, filled_model, filled_up, scan_extent
 from .search import STARTS, Blocks, FeatureSearch, given_start, prior_reach
 
 RIG_ROUNDS = 4  # of a fit beside the facts of a rig, each linear about those found before
@@ -61,15 +61,16 @@ class FeatureFitter:
         self._model, self._search, self._sensor, self._motion = model, search, sensor, motion
         self._rig: SensorError | None = None
         self._stretch, self._depth_m = scan_extent(sensor, motion), float(sensor.depth_m)
+        self._filled = filled_up(motion)
         self._given_solver, self._solver = solver, model.loading.solver(solver)
 
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, solver: Solver | None = None) -> "FeatureFitter":
         """Of features of traction."""
-        model = FeatureModel.along(sensor, motion)
         coarse_m = cell_m("load_search", float(sensor.depth_m))
         blocks = Blocks(motion, coarse_m)
-        coarse = FeatureModel.along(sensor, blocks.motion, coarse_m)
+        model = filled_model(motion, lambda own: FeatureModel.along(sensor, own))
+        coarse = filled_model(blocks.motion, lambda own: FeatureModel.along(sensor, own, coarse_m))
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
         return cls(model, search, sensor, motion, solver)
 
@@ -94,12 +95,13 @@ class FeatureFitter:
         """
         also, depth = checked_names(features, tuple(also)), float(sensor.depth_m)
         blocks = Blocks(motion, cell_m("contact_search_samples", depth))
-        given = window, cell_for(features, depth), nominal_pressure_Pa, also
-        model = FeatureModel.on_window(sensor, motion, *given)
-        coarse_m = cell_m("contact_search", depth)
-        coarse = FeatureModel.on_window(
-            sensor, blocks.motion, window, coarse_m, nominal_pressure_Pa
-        )
+
+        def model_on(motion: Motion, cell: float, also: tuple[str, ...] = ()) -> FeatureModel:
+            given = window, cell, nominal_pressure_Pa, also
+            return filled_model(motion, lambda own: FeatureModel.on_window(sensor, own, *given))
+
+        model = model_on(motion, cell_for(features, depth), also)
+        coarse = model_on(blocks.motion, cell_m("contact_search", depth))
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
         return cls(model, search, sensor, motion, solver)
 
@@ -338,7 +340,7 @@ class FeatureFitter:
         if result.noise_rms is not None or not cells_may_show(result):
             return {}
         params = jax.tree.map(as_real, result.value)
-        finer = np.asarray(model.on_finer_cells(params, self._sensor, self._motion))
+        finer = np.asarray(model.on_finer_cells(params, self._sensor, self._filled))
         change = finer - result.signal()
         moves = result.moves(change)
         return {CELLS: moves[:, None]} if are_noticed(moves, result) else {}
@@ -359,12 +361,12 @@ class FeatureFitter:
         others are. What a calibration leaves is small, so that signals are linear in it."""
         own, model = copy.copy(self), self._model.with_features(features)
         own._rig, start = rig, dict(result.value)
-        known = rig.uncertain(self._sensor, self._motion)
+        known = rig.uncertain(self._sensor, self._filled)
         if known is None:
             columns = rig.columns(
                 self._sensor,
                 np.asarray(model(result.value)),
-                lambda setup: model.with_setup(setup, self._motion)(result.value),
+                lambda setup: model.with_setup(setup, self._filled)(result.value),
             )
             own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
             start["calibration"] = np.zeros(len(columns))

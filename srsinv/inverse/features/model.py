@@ -1,12 +1,14 @@
 """Forward model of features: parameters to the signal of a sensor along a motion."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 from ... import resolution
@@ -18,7 +20,7 @@ from ...forward.operator import MotionOperator
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import Line, Open, Periodic, as_real
-from ...numerics import fast_length
+from ...numerics import fast_length, shared_count
 from ..gridding.cells import Window, check_cells
 from ..rig.error import UncertainSetup
 from ..rig.setup import OF_CONTACT, Setup
@@ -39,6 +41,7 @@ class FeatureModel(eqx.Module):
     searched is no part of the model: one program serves every range. `nuisance` (j, e, sample) are
     signals of what is not known of the rig, each times a number of `calibration` (j,); or else
     these are how far the facts of the rig are off, which `uncertain` makes the operator of.
+    `count`: of the motion's samples the signal is of so many, the first; None: of all.
     """
 
     operator: MotionOperator
@@ -47,6 +50,7 @@ class FeatureModel(eqx.Module):
     free_offset: bool = eqx.field(static=True)
     nuisance: Float[Array, "j e sample"] | None = None
     uncertain: UncertainOperator | None = None
+    count: int | None = eqx.field(static=True, default=None)
 
     @classmethod
     def along(cls, sensor: Sensor, motion: Motion, cell_m: float | None = None) -> "FeatureModel":
@@ -103,6 +107,23 @@ class FeatureModel(eqx.Module):
         return dataclasses.replace(self, features=anywhere)
 
     @property
+    def filled(self) -> "FeatureModel":
+        """The model of all samples of its motion: programs of it serve many lengths."""
+        return self if self.count is None else dataclasses.replace(self, count=None)
+
+    @property
+    def samples(self) -> int:
+        """The number of its motion's samples."""
+        return int(self.operator.gain.size)
+
+    def first(self, signals: Any) -> Any:
+        """Those of the model's samples, along the last axis, of signals at all of its motion's."""
+        if self.count is None or isinstance(signals, Tracer):
+            return signals if self.count is None else signals[..., : self.count]
+        # By jax each length would be compiled.
+        return jax.device_put(np.asarray(signals)[..., : self.count])
+
+    @property
     def line(self) -> Line:
         """The cells of the traction."""
         return self.operator.line
@@ -146,12 +167,15 @@ class FeatureModel(eqx.Module):
         uncertain, operator = _uncertain_operator(self.operator, known, as_real(off), moving)
         return dataclasses.replace(self, operator=operator, uncertain=uncertain)
 
-    @compiled
     def on_finer_cells(
         self, params: Any, sensor: Sensor, motion: Motion
-    ) -> Float[Array, "e sample"]:
+    ) -> Float[np.ndarray, "e sample"]:
         """The signal of features of a surface on cells half as wide; `sensor` and `motion` are
-        those that are stated."""
+        those that are stated, the latter with all samples of the model's."""
+        return np.asarray(self.first(self.filled._on_finer_cells(params, sensor, motion)))
+
+    @compiled
+    def _on_finer_cells(self, params: Any, sensor: Sensor, motion: Motion):
         here, own = self.at_facts(params)
         known = None if self.uncertain is None else self.uncertain.setup
         setup = Setup(sensor) if known is None else known(params["calibration"])
@@ -160,9 +184,12 @@ class FeatureModel(eqx.Module):
         operator = operator_along(setup.sensor, finer, setup.motion(motion), None, directions)
         return dataclasses.replace(here, operator=operator)._signal(own)
 
-    @compiled
     def traction(self, params: Any) -> Float[Array, "2 n"]:
         """p and q [Pa] on the line beyond their background, while sliding towards +x."""
+        return self.filled._traction(params)
+
+    @compiled
+    def _traction(self, params: Any) -> Float[Array, "2 n"]:
         here, params = self.at_facts(params)
         return here.loading.tractions(self.line, self.features, params, (True,))[0]
 
@@ -181,7 +208,8 @@ class FeatureModel(eqx.Module):
         return self.loading.tractions(self.line, self.features, params, self.operator.directions)
 
     def __call__(self, params: Any) -> Float[Array, "e sample"]:
-        return self._signal(jax.tree.map(as_real, params))  # Python's numbers would be compiled in
+        # Python's numbers would be compiled in.
+        return self.first(self.filled._signal(jax.tree.map(as_real, params)))
 
     @compiled
     def _signal(self, params: Any) -> Float[Array, "e sample"]:
@@ -248,3 +276,15 @@ def scan_extent(sensor: Sensor, motion: Motion) -> ScanExtent:
     """Where the motion has been."""
     x = np.asarray(motion.position_m)
     return ScanExtent(float(x.min()), float(x.max()), float(sensor.depth_m))
+
+
+def filled_up(motion: Motion) -> Motion:
+    """The motion, held at its end up to a number of samples that many lengths share."""
+    count = motion.time_s.size
+    return motion if shared_count(count) == count else motion.held(shared_count(count))
+
+
+def filled_model(motion: Motion, make: Callable[[Motion], FeatureModel]) -> FeatureModel:
+    """The model that `make` gives along a motion, of programs that many lengths share."""
+    model, count = make(filled_up(motion)), int(motion.time_s.size)
+    return model if model.samples == count else dataclasses.replace(model, count=count)

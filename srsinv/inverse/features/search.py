@@ -163,7 +163,7 @@ class FeatureSearch:
         """Signal of each unit amplitude, relative to the shape with the strongest signal, for
         shapes whose parameters are (b,) each."""
         shape = {part: as_real(np.atleast_1d(own[part])) for part in feature.axes}
-        signals = np.asarray(responses(self._model.with_features({"one": feature}), shape))
+        signals = responses(self._model.with_features({"one": feature}), shape)
         peak = np.abs(signals).max(axis=(2, 3))
         top = np.asarray(self.strongest(feature))
         return np.maximum(peak / np.where(top > 0, top, 1.0), LEAST_RELATIVE_SIGNAL)

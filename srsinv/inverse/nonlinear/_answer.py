@@ -180,12 +180,12 @@ class Fit:
         # noise.
         level_counts = objective.is_robust or objective.prior_mean is not None
         unit = float(objective.scale) if self.noise_rms is not None and level_counts else 1.0
-        return np.asarray(objective.whiten(as_real(signal)), float) / unit
+        return objective.whiten.whitened(signal).astype(float) / unit
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """The moves (m,) of the free parameters, to first order, as the model's signal changes by
         `change`, like the data; 0 along what the data do not determine."""
-        by = np.asarray(self._objective.whiten(as_real(change)), float)
+        by = self._objective.whiten.whitened(change).astype(float)
         factor = self._spread.factor
         return factor @ (factor.T @ (self.jacobian[: by.size].T @ by))
 
@@ -529,9 +529,8 @@ def _status(objective: Objective, ends: SearchEnd, solver: Solver, at: _Minimum)
 
 def _nothing_left(terms, objective: Objective, ends: SearchEnd, eps: float) -> bool:
     """Whether the residual is rounding beside the data, or beside where the search began."""
-    data = np.linalg.norm(np.asarray(objective.whiten(jnp.asarray(objective.y)), float)) / float(
-        objective.scale
-    )
+    white = objective.whiten.whitened(np.asarray(objective.y)).astype(float)
+    data = np.linalg.norm(white) / float(objective.scale)
     begun = np.asarray(ends.start_costs)
     begun = np.sqrt(2 * np.max(begun, where=np.isfinite(begun), initial=0.0))
     return bool(np.linalg.norm(terms) <= eps ** (2 / 3) * max(data, begun))

@@ -14,6 +14,8 @@ from jaxtyping import Array, Float
 from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ...grid import as_real, half_spectrum_weights
+from ...modules import with_fields
+from ...numerics import shared_count
 from ._parameters import on_host, real
 
 # Of each variance, in roundings a row: how much of it the data before must leave open at least.
@@ -50,6 +52,21 @@ class Whitener(eqx.Module):
         """Number of independent values in the data."""
         return int(self.observed(shape).sum())
 
+    def filled_up(self, shape: tuple[int, ...], more: int) -> "Whitener | None":
+        """That of data of this shape and then `more` that are missing along the last axis; None
+        where noise of this kind is not known there."""
+        del shape, more
+
+    def whitened(self, residual: Float[np.ndarray, "..."]) -> Float[np.ndarray, " n"]:
+        """The same of a known residual, by a program that many lengths share."""
+        shape = residual.shape
+        more = shared_count(shape[-1]) - shape[-1]
+        whole = self.filled_up(shape, more) if more else None
+        if whole is None:
+            return np.asarray(self(as_real(residual)))
+        rows = np.asarray(whole(filled(residual, more, 0.0))).reshape(-1, shape[-1] + more)
+        return rows[:, : shape[-1]].ravel()
+
 
 class Independent(Whitener):
     """White noise: a standard deviation for all data, or one for each; infinite leaves one out.
@@ -74,6 +91,10 @@ class Independent(Whitener):
 
     def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         return np.broadcast_to(np.isfinite(np.asarray(self.stderr)), shape)
+
+    def filled_up(self, shape: tuple[int, ...], more: int) -> "Independent":
+        stderr = np.broadcast_to(np.asarray(self.stderr), shape)
+        return with_fields(self, stderr=filled(stderr, more, np.inf))
 
 
 class Spectrum(Whitener):
@@ -160,11 +181,7 @@ class WhitePlusOU(Whitener):
         gain, total = np.moveaxis(np.asarray(predicted).reshape(*white.shape, 2), -1, 0)
         keep, take = decay * (1 - gain), decay * gain
         self.take, self.stderr = as_real(take), as_real(np.sqrt(total))
-        # In about sqrt(n) parallel blocks, with the decay over each place and over each block.
-        blocked = _by_place(keep, np)
-        through = np.cumprod(blocked, axis=0)
-        self.keep, self.decay_across = as_real(blocked), as_real(through[-1].T)
-        self.decay_within = as_real(np.concatenate([np.ones_like(through[:1]), through[:-1]]))
+        self.keep, self.decay_within, self.decay_across = _in_blocks(keep)
 
     @property
     def level_stderr(self) -> Any:
@@ -187,6 +204,14 @@ class WhitePlusOU(Whitener):
         _, before = jax.lax.scan(_follow, jnp.zeros_like(ends[:, 0]), (self.decay_across, ends.T))
         total = within + self.decay_within * before.T[None]
         return total.transpose(1, 2, 0).reshape(len(push), -1)[:, : push.shape[1]]
+
+    def filled_up(self, shape: tuple[int, ...], more: int) -> "WhitePlusOU":
+        keep = np.asarray(self.keep).transpose(1, 2, 0).reshape(len(self.stderr), -1)
+        keep, within, across = _in_blocks(filled(keep[:, : shape[-1]], more, 0.0))
+        take, stderr = filled(self.take, more, 0.0), filled(self.stderr, more, np.inf)
+        return with_fields(
+            self, take=take, stderr=stderr, keep=keep, decay_within=within, decay_across=across
+        )
 
     def coloured(self, white: Float[np.ndarray, "n m"]) -> Float[np.ndarray, "e sample m"]:
         """Inverse of whitening: noise with the columns of `white` as its whitened form; zero where
@@ -241,6 +266,21 @@ def _predicted(
 def _follow(carry, at):
     # Not within the method: as the same function it is compiled once where it is called eagerly.
     return at[0] * carry + at[1], carry
+
+
+def filled(values: Any, more: int, by: float) -> Array:
+    """Rows with `more` numbers at their ends."""
+    whole = np.asarray(values)
+    return as_real(np.pad(whole, [(0, 0)] * (whole.ndim - 1) + [(0, more)], constant_values=by))
+
+
+def _in_blocks(keep: Any) -> tuple[Array, Array, Array]:
+    """What is kept from sample to sample (e, n) in about sqrt(n) parallel blocks, with the decay
+    over each place in a block, and over each block."""
+    blocked = _by_place(np.asarray(keep), np)
+    through = np.cumprod(blocked, axis=0)
+    within = np.concatenate([np.ones_like(through[:1]), through[:-1]])
+    return as_real(blocked), as_real(within), as_real(through[-1].T)
 
 
 def _by_place(values: Any, xp: Any) -> Any:

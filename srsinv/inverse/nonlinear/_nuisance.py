@@ -15,7 +15,8 @@ from jaxtyping import Array, Float
 
 from ...compiled import compiled
 from ...grid import as_real
-from ._noise import Whitener, WhitePlusOU, whitener
+from ...modules import with_fields
+from ._noise import Whitener, WhitePlusOU, filled, whitener
 
 NEGLIGIBLE_WAVE = 1e-6  # of the strongest wave, over the noise: what is less changes nothing
 
@@ -95,6 +96,13 @@ class WithNuisance(Whitener):
 
     def count(self, shape: tuple[int, ...]) -> int:
         return self.alone.count(shape)
+
+    def filled_up(self, shape: tuple[int, ...], more: int) -> "WithNuisance | None":
+        alone = self.alone.filled_up(shape, more)
+        if alone is None:
+            return None
+        axes, waves = (filled(each, more, 0.0) for each in (self.axes, self.waves))
+        return with_fields(self, alone=alone, axes=axes, waves=waves)
 
 
 @compiled

@@ -15,7 +15,7 @@ from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ._lengths import lengths
 from ._loss import Loss, Squares
-from ._noise import Whitener
+from ._noise import Whitener, filled
 from ._parameters import Layout
 from ._solvers import Minimum, Solver, reached
 
@@ -51,6 +51,20 @@ class Objective(eqx.Module):
         form for them: there they start from least squares."""
         layout = dataclasses.replace(self.layout, linear=())
         return dataclasses.replace(self, layout=layout) if self.is_robust else self
+
+    @property
+    def filled(self) -> "Objective":
+        """The same of all samples that the model computes, of which those beyond the data are left
+        out: one program serves data of many lengths."""
+        model: Any = getattr(self.model, "filled", self.model)
+        shape = self.y.shape
+        if model is self.model:
+            return self
+        more = model.samples - shape[-1]
+        whiten = self.whiten.filled_up(shape, more)
+        if whiten is None:
+            return self
+        return dataclasses.replace(self, model=model, y=filled(self.y, more, 0.0), whiten=whiten)
 
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
@@ -259,6 +273,19 @@ class SearchEnd(NamedTuple):
     iterations: Int[Host, ""]
     done: Bool[Host, ""]
 
+    def first(self, shape: tuple[int, ...], samples: int) -> "SearchEnd":
+        """The same of the first of so many samples, those of data of this shape."""
+
+        def own(rows: Any) -> np.ndarray:
+            return np.asarray(rows).reshape(-1, *shape[:-1], samples)[..., : shape[-1]]
+
+        columns = own(np.asarray(self.jacobian).T)
+        return self._replace(
+            white=own(self.white).ravel(),
+            jacobian=columns.reshape(len(columns), -1).T,
+            residual=own(self.residual)[0],
+        )
+
 
 @dataclass(frozen=True)
 class Search:
@@ -281,7 +308,9 @@ class Search:
 
     def _run(self, objective: Objective, at: Float[Host, " m"]) -> SearchEnd:
         settings = self.solver, self.starts, self.lower, self.upper, self.max_searches
-        return _searched(objective, *settings, at)
+        whole = objective.filled
+        end = _searched(whole, *settings, at)
+        return end if whole is objective else end.first(objective.y.shape, whole.y.shape[-1])
 
 
 @compiled
