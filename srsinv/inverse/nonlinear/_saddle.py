@@ -2,12 +2,9 @@
 
 import dataclasses
 
-import jax.numpy as jnp
 import numpy as np
 
-from ...compiled import compiled
-from ...grid import as_real
-from ._answer import rows_of
+from ._answer import rows_of, terms_of
 from ._search import Objective, Search, SearchEnd
 from ._uncertainty import ROUNDING_FACTOR, spread
 
@@ -19,7 +16,7 @@ def escape_saddle(objective: Objective, ends: SearchEnd, search: Search) -> Sear
     """Search again from beside a saddle or a maximum where a search began and could not leave: the
     slope is zero there as in a minimum."""
     for _ in range(ESCAPES):
-        beside = _lower_beside(objective, ends, search.lower, search.upper)
+        beside = _lower_beside(objective, ends, search)
         if beside is None:
             break
         starts = np.broadcast_to(beside, search.starts.shape)
@@ -27,7 +24,7 @@ def escape_saddle(objective: Objective, ends: SearchEnd, search: Search) -> Sear
     return ends
 
 
-def _lower_beside(objective: Objective, ends: SearchEnd, lower, upper):
+def _lower_beside(objective: Objective, ends: SearchEnd, search: Search) -> np.ndarray | None:
     """A point within a standard error where the cost is lower, None where there is none, or where
     the search has moved and so does not end on a saddle."""
     dtype = np.asarray(ends.z).dtype
@@ -42,12 +39,10 @@ def _lower_beside(objective: Objective, ends: SearchEnd, lower, upper):
     steps = np.sqrt(2 * cost / len(rows)) * spread(rows, eps).factor.T
     for fraction in BESIDE:
         for step in (*(fraction * steps), *(-fraction * steps)):
-            z = np.clip(np.asarray(ends.z) + np.asarray(as_real(step)), lower, upper)
-            if float(_cost_at(objective, z)) < cost * (1 - ROUNDING_FACTOR * eps):
+            moved_to = np.asarray(ends.z) + step.astype(dtype)
+            z = np.clip(moved_to, np.asarray(search.lower), np.asarray(search.upper))
+            there = ends._replace(z=z, white=search.white_at(objective, z))
+            terms, _ = terms_of(objective, there)
+            if 0.5 * float(terms @ terms) < cost * (1 - ROUNDING_FACTOR * eps):
                 return z
     return None
-
-
-@compiled
-def _cost_at(objective: Objective, z):
-    return 0.5 * jnp.sum(objective.terms(z) ** 2)

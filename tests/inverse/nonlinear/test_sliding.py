@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from srsinv.inverse.noise.sliding import Levels, estimate, first_levels
-from srsinv.inverse.nonlinear import WhitePlusOU, fit
+from srsinv.inverse.nonlinear import WhitePlusOU, WithNuisance, fit
 from tests.refusals import refused
 
 LENGTH = 2e-4
@@ -42,6 +42,20 @@ def test_coloured_is_what_it_makes_white():
     white = np.stack([np.asarray(noise(jnp.asarray(each))) for each in data], axis=1)
     expected = np.where(np.isfinite(WHITE), data, 0.0)
     np.testing.assert_allclose(noise.coloured(white), np.moveaxis(expected, 0, -1), atol=1e-12)
+
+
+@pytest.mark.parametrize("waves", [0, 2])
+def test_missing_samples_at_the_end_change_nothing(waves):
+    """By a program of as many samples as other lengths have, or of their own number."""
+    noise = WhitePlusOU(X, WHITE, 0.7, LENGTH)
+    noise = WithNuisance.of(noise, RNG.normal(size=(2, waves, 157))) if waves else noise
+    y, filled = RNG.normal(size=(2, 157)), noise.filled_up((2, 157), 35)
+    own = np.asarray(noise(jnp.asarray(y))).reshape(2, -1)
+    whole = np.asarray(filled(jnp.asarray(np.pad(y, ((0, 0), (0, 35)))))).reshape(2, -1)
+    np.testing.assert_allclose(whole, np.pad(own, ((0, 0), (0, 35))), atol=1e-13)
+    np.testing.assert_allclose(noise.whitened(y), own.ravel(), atol=1e-13)
+    assert filled.count((2, 192)) == noise.count((2, 157))
+    assert filled.log_volume((2, 192)) == pytest.approx(noise.log_volume((2, 157)), rel=1e-14)
 
 
 def test_samples_much_nearer_than_the_correlation():
@@ -129,9 +143,9 @@ def test_levels_are_the_likeliest_of_what_no_fit_takes_out():
         for size, start in ((0, near), (10, near), (0, far))
     )
     for other in others:
-        assert other.white == pytest.approx(first.white, rel=1e-5)
-        assert other.sliding == pytest.approx(first.sliding, rel=1e-5)
-        assert other.correlation_m == pytest.approx(first.correlation_m, rel=1e-5)
+        assert other.white == pytest.approx(first.white, rel=1e-8)
+        assert other.sliding == pytest.approx(first.sliding, rel=1e-8)
+        assert other.correlation_m == pytest.approx(first.correlation_m, rel=1e-8)
 
 
 @pytest.mark.parametrize("every", [1, 2, 3])
