@@ -15,9 +15,13 @@ import pytest
 
 from srsinv import compiled as module
 from srsinv.compiled import compiled, stored
+from srsinv.forward.feature import LineFeature
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Convolution
+from srsinv.inverse.features.estimate import FeatureEstimate
+from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
@@ -25,6 +29,7 @@ from srsinv.inverse.wiener import Wiener
 
 N, LENGTH = 48, 96
 K = np.linspace(0.0, 900.0, 7)
+FEATURES = {"line": LineFeature()}
 TRACED = "/jax/core/compile/jaxpr_trace_duration"
 
 
@@ -215,3 +220,30 @@ def test_another_recording_of_another_length_compiles_nothing():
     with traces() as traced:
         invert(1570)
     assert not traced
+
+
+def test_a_fit_of_another_length_compiles_nothing():
+    """Of a line load, from the search to its traction: both lengths share 1536 samples and 1792
+    cells."""
+    rng, problems = np.random.default_rng(0), []
+    truth = {"line": {"position_m": 7e-3, "load_N_per_m": 5.0, "shear_N_per_m": 2.0}}
+    for samples in (1320, 1420):
+        motion = Motion.from_speed(np.arange(samples) / 5e3, np.full(samples, 0.05), 0.0)
+        model = FeatureModel.along(Sensor(), motion).with_features(FEATURES)
+        signal = np.asarray(model(truth))
+        noise_rms = 1e-3 * np.abs(signal).max()
+        noisy = signal + noise_rms * rng.normal(size=signal.shape)
+        problems.append(Problem(Sensor(), motion, noisy, SampleNoise(noise_rms)))
+
+    def fitted(problem: Problem) -> FeatureEstimate:
+        estimate = FeatureFit(FEATURES)(problem)
+        assert estimate.quality == "good"
+        assert estimate.fitted.shape == estimate.fit.residual.shape == problem.data.shape
+        assert estimate.profiles()["p"][0].shape == (estimate.line.n,)
+        return estimate
+
+    fitted(problems[0])
+    with traces() as traced:
+        value, stderr = fitted(problems[1]).parameters["position_m"]
+    assert not traced
+    assert abs(value - truth["line"]["position_m"]) < 4 * stderr

@@ -186,7 +186,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         **scalars(_numbers(fitted)),
     }
     coordinates: dict[str, tuple[Any, ...]] = {
-        "x": (np.asarray(best.model.line.x), "m"),
+        "x": (np.asarray(best.model.scanned_line.x), "m"),
         "component": (list(COMPONENTS), "1"),
         "element": (problem.sensor.element_names, "1"),
         "reported": (list(best.parameters), "1"),

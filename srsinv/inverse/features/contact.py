@@ -359,7 +359,7 @@ class _Shifting:
 
     def __init__(self, model: Any):
         line, operator, motion = model.line, model.operator, model.loading.motion
-        onwards = model.first(motion.direction) >= 0
+        onwards = np.asarray(model.first(motion.direction)) >= 0
         x = np.asarray(line.x)
         self._gain, self._n = np.asarray(model.first(operator.gain)), line.n
         self._direction = np.array([operator.directions.index(bool(each)) for each in onwards])

@@ -14,6 +14,7 @@ from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
 from ...forward.traction import Pressure
 from ...grid import Line, as_real
+from ...numerics import shared_count
 from ..nonlinear import Fit
 from .identifiability import limited_by_bounds, undetected_features
 from .loading import Features, Loading, Range, Strengths, Traction, TrialShapes, turned
@@ -62,7 +63,7 @@ class DirectLoading(Loading):
     ) -> Iterator[TrialShapes]:
         shapes = feature.starts(stretch)
         alone = model.with_features({"one": feature})
-        signals = responses(alone, {k: as_real(v) for k, v in shapes.items()})
+        signals = responses(alone, shapes)
         yield TrialShapes(shapes, np.zeros(signals.shape[2:]), signals)
 
     def begun(self, feature: Any) -> dict[str, float]:
@@ -139,7 +140,11 @@ def _fade(line: Line, motion: Motion) -> Float[Array, " n"]:
 
 def responses(model: Any, shapes) -> Float[np.ndarray, "start a e sample"]:
     """Signals of every unit amplitude of the model's only feature, for each shape."""
-    return np.asarray(model.first(_responses(model.filled, shapes)))
+    count = len(next(iter(shapes.values())))
+    # Filled up with the last one: another number of shapes would be compiled, too.
+    which = np.minimum(np.arange(shared_count(count)), count - 1)
+    filled = {part: as_real(np.asarray(values)[which]) for part, values in shapes.items()}
+    return np.asarray(model.first(_responses(model.filled, filled)))[:count]
 
 
 @compiled

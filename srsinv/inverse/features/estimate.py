@@ -88,13 +88,13 @@ class FeatureEstimate(Estimate):
             "fit": fit,
             "model": model,
             "data": y,
-            "whitened": jnp.asarray(whitened),
+            "whitened": as_real(whitened),
             "parameters": parameters,
             "log_evidence": log_evidence,
             "status": fit.status,
             "warnings": (*fit.warnings, *missed, *noise_warnings),
             "stats": {CHI2: fit.known_chi2, FREEDOM: fit.stats[FREEDOM]},
-            "line": model.line,
+            "line": model.scanned_line,
             "levels": levels,
         }
         return cls(**parts)
@@ -119,13 +119,13 @@ class FeatureEstimate(Estimate):
             "fit": None,
             "model": model,
             "data": y,
-            "whitened": jnp.asarray(whitened),
+            "whitened": as_real(whitened),
             "parameters": {},
             "log_evidence": float(-0.5 * rest @ rest - volume),
             "status": Status.CONVERGED,
             "warnings": of_fit(chi2, count, (), ()),
             "stats": {CHI2: chi2, FREEDOM: count},
-            "line": model.line,
+            "line": model.scanned_line,
             "levels": levels,
         }
         return cls(**parts)
@@ -210,14 +210,16 @@ class FeatureEstimate(Estimate):
         return self._traction(cells)
 
     def profiles(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """What acts along the model's line while sliding towards +x, each with its standard error
-        to first order, infinite where the fit failed: p and q [Pa] beyond those of the background,
-        and of a surface its height and gap [m] and friction."""
+        """What acts along the model's `scanned_line` while sliding towards +x, each with its
+        standard error to first order, infinite where the fit failed: p and q [Pa] beyond those of
+        the background, and of a surface its height and gap [m] and friction."""
         names = self.model.loading.PROFILES
-        shape = len(names), self.model.line.n
+        cells, none = self.model.scanned_line.n, np.zeros(self.model.scanned_line.n)
         if self.fit is None:
-            return {name: (np.zeros(shape[1]), np.zeros(shape[1])) for name in names}
-        value, stderr = self._derived(_Profiles(self.model.filled), shape)
+            return dict.fromkeys(names, (none, none))
+        shape = len(names), self.model.line.n
+        both = self._derived(_Profiles(self.model.filled), shape)
+        value, stderr = (each[:, :cells] for each in both)
         return dict(zip(names, zip(value, stderr, strict=True), strict=True))
 
     def _traction(self, cells: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:

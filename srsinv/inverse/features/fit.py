@@ -69,8 +69,10 @@ class FeatureFitter:
         """Of features of traction."""
         coarse_m = cell_m("load_search", float(sensor.depth_m))
         blocks = Blocks(motion, coarse_m)
-        model = filled_model(motion, lambda own: FeatureModel.along(sensor, own))
-        coarse = filled_model(blocks.motion, lambda own: FeatureModel.along(sensor, own, coarse_m))
+        model = filled_model(motion, lambda own: FeatureModel.along(sensor, own, is_shared=True))
+        coarse = filled_model(
+            blocks.motion, lambda own: FeatureModel.along(sensor, own, coarse_m, is_shared=True)
+        )
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
         return cls(model, search, sensor, motion, solver)
 

@@ -41,7 +41,8 @@ class FeatureModel(eqx.Module):
     searched is no part of the model: one program serves every range. `nuisance` (j, e, sample) are
     signals of what is not known of the rig, each times a number of `calibration` (j,); or else
     these are how far the facts of the rig are off, which `uncertain` makes the operator of.
-    `count`: of the motion's samples the signal is of so many, the first; None: of all.
+    `count`: of the motion's samples the signal is of so many, the first; None: of all. `cells`: so
+    many of the line's, the first, are the scan with its margins; None: all.
     """
 
     operator: MotionOperator
@@ -51,19 +52,26 @@ class FeatureModel(eqx.Module):
     nuisance: Float[Array, "j e sample"] | None = None
     uncertain: UncertainOperator | None = None
     count: int | None = eqx.field(static=True, default=None)
+    cells: int | None = eqx.field(static=True, default=None)
 
     @classmethod
-    def along(cls, sensor: Sensor, motion: Motion, cell_m: float | None = None) -> "FeatureModel":
+    def along(
+        cls, sensor: Sensor, motion: Motion, cell_m: float | None = None, is_shared: bool = False
+    ) -> "FeatureModel":
         """The model of features of traction, without any of them.
 
         The traction lies on an open line with fine cells and a margin beyond the scan; a
         semi-infinite feature goes on beyond the line's end, and a periodic one fades out towards
         both ends. `cell_m` [m]: None is fine enough for a signal right to 1e-5 of its peak.
+        `is_shared`: whether the line goes on up to a number of cells that many lengths share.
         """
-        line = line_under(sensor, motion, cell_m)
+        own = line = line_under(sensor, motion, cell_m)
+        if is_shared:
+            line = Open(shared_count(own.n), float(own.cell_m), float(own.start_m))
         operator = operator_along(sensor, line, motion, FAR_M, motion.directions)
         loading = DirectLoading.over(line, motion)
-        return cls(operator, loading, {}, sensor.amplifier.offset is None)
+        is_free = sensor.amplifier.offset is None
+        return cls(operator, loading, {}, is_free, cells=None if own.n == line.n else own.n)
 
     @classmethod
     def on_window(
@@ -108,8 +116,11 @@ class FeatureModel(eqx.Module):
 
     @property
     def filled(self) -> "FeatureModel":
-        """The model of all samples of its motion: programs of it serve many lengths."""
-        return self if self.count is None else dataclasses.replace(self, count=None)
+        """The model of all samples of its motion and cells of its line: programs of it serve many
+        lengths."""
+        if self.count is None and self.cells is None:
+            return self
+        return dataclasses.replace(self, count=None, cells=None)
 
     @property
     def samples(self) -> int:
@@ -127,6 +138,14 @@ class FeatureModel(eqx.Module):
     def line(self) -> Line:
         """The cells of the traction."""
         return self.operator.line
+
+    @property
+    def scanned_line(self) -> Line:
+        """Those of the scan with its margins."""
+        whole = self.line
+        if self.cells is None:
+            return whole
+        return type(whole)(self.cells, whole.cell_m, whole.start_m)
 
     @property
     def linear(self) -> tuple[str, ...]:

@@ -10,7 +10,6 @@ from jaxtyping import Float
 from ...errors import number
 from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
-from ...grid import as_real
 from .direct import responses
 from .loading import AnyFeature, Features, TrialShapes
 from .model import FeatureModel
@@ -162,7 +161,7 @@ class FeatureSearch:
     ) -> Float[np.ndarray, "b a"]:
         """Signal of each unit amplitude, relative to the shape with the strongest signal, for
         shapes whose parameters are (b,) each."""
-        shape = {part: as_real(np.atleast_1d(own[part])) for part in feature.axes}
+        shape = {part: np.atleast_1d(own[part]) for part in feature.axes}
         signals = responses(self._model.with_features({"one": feature}), shape)
         peak = np.abs(signals).max(axis=(2, 3))
         top = np.asarray(self.strongest(feature))
