@@ -398,7 +398,7 @@ class Loads(NamedTuple):
         places, widths_m = (each.ravel() for each in np.meshgrid(places, widths_m))
         bumps = np.exp(-(((line - places[:, None]) / widths_m[:, None]) ** 2) / 2)
         each = as_real(np.einsum("pn,cd->pcdn", bumps, np.eye(2)).reshape(-1, 2, line.size))
-        signals = model.first(_signals(operator, each))
+        signals = np.asarray(model.first(_signals(operator, each)))
         return cls(places, signals.reshape(len(places), 2, *signals.shape[1:]))
 
 
