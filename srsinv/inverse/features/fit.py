@@ -370,7 +370,7 @@ class FeatureFitter:
                 np.asarray(model(result.value)),
                 lambda setup: model.with_setup(setup, self._filled)(result.value),
             )
-            own._model = dataclasses.replace(self._model, nuisance=as_real(columns))
+            own._model = self._model.with_nuisance(columns)
             start["calibration"] = np.zeros(len(columns))
             return own, rig.sources(len(columns)), own._fit(features, start, y, noise), Rivals()
         start["calibration"] = np.zeros(known.root.shape[1])

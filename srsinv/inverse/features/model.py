@@ -114,6 +114,11 @@ class FeatureModel(eqx.Module):
         anywhere = {name: feature.anywhere for name, feature in features.items()}
         return dataclasses.replace(self, features=anywhere)
 
+    def with_nuisance(self, columns: Float[np.ndarray, "j e sample"]) -> "FeatureModel":
+        """The same beside signals of what is not known of the rig."""
+        beyond = ((0, 0), (0, 0), (0, self.samples - columns.shape[-1]))
+        return dataclasses.replace(self, nuisance=as_real(np.pad(columns, beyond)))
+
     @property
     def filled(self) -> "FeatureModel":
         """The model of all samples of its motion and cells of its line: programs of it serve many

@@ -184,7 +184,7 @@ def test_derivatives_of_the_signal_are_differences_in_both_modes():
     @jax.jit
     def made(values):
         params, loading, line = own(values), model.loading, model.line
-        contact = loading.contact(line, loading.surface(model.features, params), params)
+        contact = loading.contact(line, model.features, params)
         return model(params), contact.touching
 
     touching = made(at)[1]
