@@ -134,8 +134,10 @@ class FeatureModel(eqx.Module):
 
     def first(self, signals: Any) -> Any:
         """Those of the model's samples, along the last axis, of signals at all of its motion's."""
-        if self.count is None or isinstance(signals, Tracer):
-            return signals if self.count is None else signals[..., : self.count]
+        if self.count is None:
+            return signals
+        if isinstance(signals, Tracer):
+            return signals[..., : self.count]
         # By jax each length would be compiled.
         return jax.device_put(np.asarray(signals)[..., : self.count])
 

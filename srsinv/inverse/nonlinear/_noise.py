@@ -64,7 +64,7 @@ class Whitener(eqx.Module):
         whole = self.filled_up(shape, more) if more else None
         if whole is None:
             return np.asarray(self(as_real(residual)))
-        rows = np.asarray(whole(filled(residual, more, 0.0))).reshape(-1, shape[-1] + more)
+        rows = np.asarray(whole(padded(residual, more, 0.0))).reshape(-1, shape[-1] + more)
         return rows[:, : shape[-1]].ravel()
 
 
@@ -94,7 +94,7 @@ class Independent(Whitener):
 
     def filled_up(self, shape: tuple[int, ...], more: int) -> "Independent":
         stderr = np.broadcast_to(np.asarray(self.stderr), shape)
-        return with_fields(self, stderr=filled(stderr, more, np.inf))
+        return with_fields(self, stderr=padded(stderr, more, np.inf))
 
 
 class Spectrum(Whitener):
@@ -207,8 +207,8 @@ class WhitePlusOU(Whitener):
 
     def filled_up(self, shape: tuple[int, ...], more: int) -> "WhitePlusOU":
         keep = np.asarray(self.keep).transpose(1, 2, 0).reshape(len(self.stderr), -1)
-        keep, within, across = _in_blocks(filled(keep[:, : shape[-1]], more, 0.0))
-        take, stderr = filled(self.take, more, 0.0), filled(self.stderr, more, np.inf)
+        keep, within, across = _in_blocks(padded(keep[:, : shape[-1]], more, 0.0))
+        take, stderr = padded(self.take, more, 0.0), padded(self.stderr, more, np.inf)
         return with_fields(
             self, take=take, stderr=stderr, keep=keep, decay_within=within, decay_across=across
         )
@@ -268,7 +268,7 @@ def _follow(carry, at):
     return at[0] * carry + at[1], carry
 
 
-def filled(values: Any, more: int, by: float) -> Array:
+def padded(values: Any, more: int, by: float) -> Array:
     """Rows with `more` numbers at their ends."""
     whole = np.asarray(values)
     return as_real(np.pad(whole, [(0, 0)] * (whole.ndim - 1) + [(0, more)], constant_values=by))
@@ -288,8 +288,8 @@ def _by_place(values: Any, xp: Any) -> Any:
     elements, n = values.shape
     length = int(np.ceil(np.sqrt(n)))
     blocks = -(-n // length)
-    padded = xp.pad(values, ((0, 0), (0, blocks * length - n)))
-    return padded.reshape(elements, blocks, length).transpose(2, 0, 1)
+    whole = xp.pad(values, ((0, 0), (0, blocks * length - n)))
+    return whole.reshape(elements, blocks, length).transpose(2, 0, 1)
 
 
 class Correlated(Whitener):

@@ -16,7 +16,7 @@ from jaxtyping import Array, Float
 from ...compiled import compiled
 from ...grid import as_real
 from ...modules import with_fields
-from ._noise import Whitener, WhitePlusOU, filled, whitener
+from ._noise import Whitener, WhitePlusOU, padded, whitener
 
 NEGLIGIBLE_WAVE = 1e-6  # of the strongest wave, over the noise: what is less changes nothing
 
@@ -101,7 +101,7 @@ class WithNuisance(Whitener):
         alone = self.alone.filled_up(shape, more)
         if alone is None:
             return None
-        axes, waves = (filled(each, more, 0.0) for each in (self.axes, self.waves))
+        axes, waves = (padded(each, more, 0.0) for each in (self.axes, self.waves))
         return with_fields(self, alone=alone, axes=axes, waves=waves)
 
 

@@ -39,8 +39,7 @@ def _lower_beside(objective: Objective, ends: SearchEnd, search: Search) -> np.n
     steps = np.sqrt(2 * cost / len(rows)) * spread(rows, eps).factor.T
     for fraction in BESIDE:
         for step in (*(fraction * steps), *(-fraction * steps)):
-            moved_to = np.asarray(ends.z) + step.astype(dtype)
-            z = np.clip(moved_to, np.asarray(search.lower), np.asarray(search.upper))
+            z = np.clip(np.asarray(ends.z) + step.astype(dtype), search.lower, search.upper)
             there = ends._replace(z=z, white=search.white_at(objective, z))
             terms, _ = terms_of(objective, there)
             if 0.5 * float(terms @ terms) < cost * (1 - ROUNDING_FACTOR * eps):

@@ -15,7 +15,7 @@ from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ._lengths import lengths
 from ._loss import Loss, Squares
-from ._noise import Whitener, filled
+from ._noise import Whitener, padded
 from ._parameters import Layout
 from ._solvers import Minimum, Solver, reached
 
@@ -64,7 +64,7 @@ class Objective(eqx.Module):
         whiten = self.whiten.filled_up(shape, more)
         if whiten is None:
             return self
-        return dataclasses.replace(self, model=model, y=filled(self.y, more, 0.0), whiten=whiten)
+        return dataclasses.replace(self, model=model, y=padded(self.y, more, 0.0), whiten=whiten)
 
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
@@ -153,31 +153,30 @@ class VariableProjection(eqx.Module):
             return self.objective.terms(self._from(v))
         return _left(v, split=self)
 
-    def linearised(self, z: Float[Array, " m"]) -> Linearised:
-        """The whole problem at z, or, where its linear parameters are NaN, at the best ones.
+    def linearised(self, v: Float[Array, " v"]) -> Linearised:
+        """The whole problem at the best linear parameters.
 
         The model and its derivative by v are affine in the linear parameters. Both are followed
         from zero, so that what these do not enter, as a contact, is computed once.
         """
-        searched, linear = self._places
+        (searched, linear), z = self._places, self._from(v)
         if not len(linear):
             return Linearised(z, *_with_columns(self.objective.white, z))
-        v, given = z[searched], z[linear]
 
         def along(c):
-            return _with_columns(lambda v: self._beside(v).white(c), v)
+            return _with_columns(lambda v: self._of_linear(v).white(c), v)
 
         (rest, own, residual), basis, push = self._affine(along)
-        c = jnp.where(jnp.isnan(given), self._best(v, rest, basis)[0], given)
-        _, more, moved = push(c)
+        c, _ = self._best(v, rest, basis)
+        _, more, change = push(c)
         jacobian = jnp.zeros((rest.size, z.size), z.dtype)
         jacobian = jacobian.at[:, searched].set(own + more).at[:, linear].set(basis)
-        return Linearised(z.at[linear].set(c), rest + basis @ c, jacobian, residual + moved)
+        return Linearised(z.at[linear].set(c), rest + basis @ c, jacobian, residual + change)
 
     def projected(self, v: Float[Array, " v"]) -> tuple[Array, Array]:
         """`terms`, and their derivative (terms, v) after Kaufman."""
         searched, linear = self._places
-        terms, jacobian = self._with_priors(self.linearised(self.unsolved(v)))
+        terms, jacobian = self._with_priors(self.linearised(v))
         own, basis = jacobian[:, searched], jacobian[:, linear]
         return terms, own - basis @ _least_squares(basis, own)
 
@@ -186,28 +185,24 @@ class VariableProjection(eqx.Module):
         start, linear = self._from(v), self._places[1]
         if not len(linear):
             return start, self.objective.terms(start)
-        (rest, _), basis, _ = self._affine(self._beside(v).white)
+        (rest, _), basis, _ = self._affine(self._of_linear(v).white)
         c, terms = self._best(v, rest, basis)
         return start.at[linear].set(c), terms
 
-    def unsolved(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
-        """All free parameters, NaN for the linear ones."""
-        return self._from(v, jnp.nan)
+    def _from(self, v: Float[Array, " v"]) -> Float[Array, " m"]:
+        searched, linear = self._places
+        return jnp.zeros(len(searched) + len(linear), v.dtype).at[searched].set(v)
 
-    def _from(self, v: Float[Array, " v"], linear: float = 0.0) -> Float[Array, " m"]:
-        size = sum(map(len, self._places))
-        return jnp.full(size, linear, v.dtype).at[self._places[0]].set(v)
-
-    def _beside(self, v: Float[Array, " v"]) -> Objective:
+    def _of_linear(self, v: Float[Array, " v"]) -> Objective:
         """The objective as a function of the linear parameters."""
         return self.objective.only(self._places[1].tolist(), self._from(v))
 
     def _affine(self, function: Callable[[Array], Any]) -> tuple[Any, Float[Array, "n c"], Any]:
         """An affine function of the linear parameters: its value at zero, the columns of the first
         part of it, and how it moves with them."""
-        zero = jnp.zeros_like(jnp.asarray(self.objective.row), shape=len(self._places[1]))
-        rest, push = jax.linearize(function, zero)
-        return rest, jax.vmap(lambda c: push(c)[0], out_axes=1)(jnp.diag(zero + 1)), push
+        units = jnp.eye(len(self._places[1]), dtype=self.objective.row.dtype)
+        rest, push = jax.linearize(function, jnp.zeros_like(units[0]))
+        return rest, jax.vmap(lambda c: push(c)[0], out_axes=1)(units), push
 
     def _best(
         self, v: Float[Array, " v"], rest: Float[Array, " n"], basis: Float[Array, "n c"]
@@ -360,7 +355,7 @@ def _end(
     costs = _known(ends.cost)
     best = jax.tree.map(lambda leaf: leaf[jnp.argmin(costs)], ends)
     return SearchEnd(
-        **vars(split.linearised(split.unsolved(best.point))),
+        **vars(split.linearised(best.point)),
         costs=costs,
         start_costs=_known(ends.start_cost) if start_costs is None else start_costs,
         iterations=jnp.asarray(best.iterations, int),
