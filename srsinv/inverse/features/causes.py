@@ -13,8 +13,10 @@ noise that a fit has estimated have taken a misfit up, so that its end may be fa
 cause would have it: all start before.
 """
 
+import abc
 import dataclasses
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -47,6 +49,7 @@ PART = {"jump_s": 0.2}  # of a misfit, in place of `ENOUGH`: there may be severa
 SPANS, LEAST_SPAN = (1, 8, 64, 512), 8  # samples before and after a jump, and from the ends
 WIDTHS, APART = (0.5, 1.0, 2.0, 4.0), 0.5  # of further loads, and between them, in depths
 MOST_PLACES = 64  # of a further load
+BATCH = 32  # numbers of an addition that are solved for together
 ALIKE = 1e-10  # of a column's square, added to it: columns may be alike
 
 Signal = Float[np.ndarray, "e sample"]
@@ -79,10 +82,11 @@ class FittedModel(NamedTuple):
 
 class ChangedSignals(NamedTuple):
     """What a cause makes of the signal and its slopes (row, e, sample), the signal first, and
-    columns `more` of its own."""
+    columns `more` of its own: (m, e, sample), or (number, m, e, sample) of several numbers under
+    which the rows are the same."""
 
     rows: Rows
-    more: Rows
+    more: Float[np.ndarray, "*number m e sample"]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,54 +153,63 @@ class Misfit:
         basis = orthonormal_basis(columns.reshape(len(columns), -1).T)
         return left - (basis @ (basis.T @ left.ravel())).reshape(left.shape)
 
-    def solved(self, trial: ChangedSignals) -> tuple[float, Float[np.ndarray, " m"]]:
+    def solved(
+        self, trial: ChangedSignals
+    ) -> tuple[Float[np.ndarray, "*number"], Float[np.ndarray, "*number m"]]:
         """Half the squares that a trial leaves at best, and how far the numbers move for it, as far
         as there are slopes."""
         per_noise = np.where(np.isfinite(self.y), 1 / self.white, 0.0)
         signal, slopes = trial.rows[0], trial.rows[1:]
-        columns = np.concatenate([slopes, self.beside, trial.more]) * per_noise
-        columns = columns.reshape(len(columns), self.y.size)
         rest = (np.where(np.isfinite(self.y), self.y - signal, 0.0) * per_noise).ravel()
+        shared = np.concatenate([slopes, self.beside]) * per_noise
+        shared, more = (
+            rows.reshape(*rows.shape[:-2], rest.size) for rows in (shared, trial.more * per_noise)
+        )
         pull, free = self.pull + self.weight * self.at, len(slopes)
-        own = self.weight[:free], np.ones(len(self.beside)), np.zeros(len(trial.more))
+        own = self.weight[:free], np.ones(len(self.beside)), np.zeros(more.shape[-2])
         weight = np.concatenate(own)
-        squares = columns @ columns.T + np.diag(weight**2)
-        along = columns @ rest
-        along[:free] -= weight[:free] * pull[:free]
-        unit = np.sqrt(np.maximum(np.diag(squares), np.finfo(float).tiny))
-        scaled = squares / unit[:, None] / unit + ALIKE * np.eye(unit.size)
-        moves = np.linalg.solve(scaled, along / unit)
-        left = rest @ rest + pull @ pull - (along / unit) @ moves
-        return float(left) / 2, (moves / unit)[:free]
+        along = _joined(shared @ rest, more @ rest)
+        along[..., :free] -= weight[:free] * pull[:free]
+        squares = _gram(shared, more) + np.diag(weight**2)
+        diagonal = np.diagonal(squares, axis1=-2, axis2=-1)
+        unit = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+        scaled = squares / unit[..., None] / unit[..., None, :] + ALIKE * np.eye(weight.size)
+        moves = np.linalg.solve(scaled, (along / unit)[..., None])[..., 0]
+        left = rest @ rest + pull @ pull - np.sum(along / unit * moves, axis=-1)
+        return left / 2, (moves / unit)[..., :free]
 
 
-class MisfitCause(NamedTuple):
-    """A cause by the numbers that it may have, between the least and the greatest of which it is
-    searched on where `is_smooth`; what value a number is, and the trial of a misfit with it."""
+def _joined(
+    shared: Float[np.ndarray, " b"], more: Float[np.ndarray, "*number m"]
+) -> Float[np.ndarray, "*number c"]:
+    return np.concatenate([np.broadcast_to(shared, (*more.shape[:-1], len(shared))), more], -1)
+
+
+def _gram(
+    shared: Float[np.ndarray, "b n"], more: Float[np.ndarray, "*number m n"]
+) -> Float[np.ndarray, "*number c c"]:
+    """The inner products of the rows of both."""
+    across = more @ shared.T
+    corner = np.broadcast_to(shared @ shared.T, (*more.shape[:-2], len(shared), len(shared)))
+    return np.block([[corner, across.mT], [across, more @ more.mT]])
+
+
+class MisfitCause(abc.ABC):
+    """A cause of a misfit, by a number that it may have."""
 
     name: str
-    numbers: Float[np.ndarray, " number"]
-    is_smooth: bool
-    value: Callable[[float], float]
-    trial: Callable[[Misfit, float], ChangedSignals]
 
+    @abc.abstractmethod
+    def value(self, at: float) -> float:
+        """What value a number is."""
+
+    @abc.abstractmethod
+    def trial(self, misfit: Misfit, at: float) -> ChangedSignals:
+        """A misfit's signals with the cause."""
+
+    @abc.abstractmethod
     def best(self, misfit: Misfit) -> tuple[float, float]:
         """Half the squares that are left at least, and the number that leaves them."""
-
-        def left(at: float) -> float:
-            return misfit.solved(self.trial(misfit, float(at)))[0]
-
-        tried = [(left(at), at) for at in self.numbers.tolist()]
-        least = min(tried)
-        if not self.is_smooth:
-            return least
-        place = tried.index(least)
-        around = self.numbers[[max(place - 1, 0), min(place + 1, len(tried) - 1)]]
-        width = CLOSE * float(np.ptp(self.numbers))
-        end: Any = scipy.optimize.minimize_scalar(
-            left, bounds=tuple(around.tolist()), method="bounded", options={"xatol": width}
-        )
-        return min(least, (float(end.fun), float(end.x)))
 
     def followed(self, misfit: Misfit) -> tuple[float, float]:
         """What is left, and the number, as parameters and facts move with the cause."""
@@ -220,6 +233,59 @@ class MisfitCause(NamedTuple):
         numbers = 1 + len(self.trial(misfit, at).more)
         chance = numbers / 2 * float(np.log(misfit.freedom))
         return least - left - chance, LikelyCause(self.name, self.value(at))
+
+
+@dataclasses.dataclass(frozen=True)
+class Distortion(MisfitCause):
+    """A change of the signal by a number, which is searched for between the least and the greatest
+    of `numbers`: the `value` of one, and the `changed` rows."""
+
+    name: str
+    numbers: Float[np.ndarray, " number"]
+    to_value: Callable[[float], float]
+    changed: Callable[[Rows, float], Rows]
+
+    def value(self, at: float) -> float:
+        return self.to_value(at)
+
+    def trial(self, misfit: Misfit, at: float) -> ChangedSignals:
+        return ChangedSignals(self.changed(misfit.rows, at), misfit.rows[:0])
+
+    def best(self, misfit: Misfit) -> tuple[float, float]:
+        def left(at: float) -> float:
+            return float(misfit.solved(self.trial(misfit, float(at)))[0])
+
+        tried = [(left(at), at) for at in self.numbers.tolist()]
+        least = min(tried)
+        place = tried.index(least)
+        around = self.numbers[[max(place - 1, 0), min(place + 1, len(tried) - 1)]]
+        width = CLOSE * float(np.ptp(self.numbers))
+        end: Any = scipy.optimize.minimize_scalar(
+            left, bounds=tuple(around.tolist()), method="bounded", options={"xatol": width}
+        )
+        return min(least, (float(end.fun), float(end.x)))
+
+
+@dataclasses.dataclass(frozen=True)
+class Addition(MisfitCause):
+    """Signals of unknown sizes (number, m, e, sample) beside the model's, for each of its `values`
+    (number,); its number is the place among these."""
+
+    name: str
+    values: Float[np.ndarray, " number"]
+    signals: Float[np.ndarray, "number m e sample"]
+
+    def value(self, at: float) -> float:
+        return float(self.values[int(at)])
+
+    def trial(self, misfit: Misfit, at: float) -> ChangedSignals:
+        return ChangedSignals(misfit.rows, self.signals[int(at)])
+
+    def best(self, misfit: Misfit) -> tuple[float, float]:
+        some = (self.signals[at : at + BATCH] for at in range(0, len(self.signals), BATCH))
+        left = np.concatenate([misfit.solved(ChangedSignals(misfit.rows, s))[0] for s in some])
+        at = int(np.argmin(left))
+        return float(left[at]), float(at)
 
 
 class Explained(NamedTuple):
@@ -265,7 +331,7 @@ def explained(
     if not (np.isfinite(variances) & (variances > 0)).all():
         return Explained()
     end, misfit = (Misfit.of(y, level, each, beside) for each in (ended, begun))
-    least, _ = end.solved(ChangedSignals(end.rows, end.rows[:0]))
+    least = float(end.solved(ChangedSignals(end.rows, end.rows[:0]))[0])
     excess = least - misfit.freedom / 2
     beyond_chance = -float(np.log(false_alarm.NOISE_PART))
     if excess < beyond_chance:
@@ -291,15 +357,22 @@ def explained(
 
 def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[MisfitCause]:
     """All causes that a motion tells."""
-    time_s, elements = np.asarray(motion.time_s), len(misfit.y)
-    interval_s = float(np.mean(np.diff(time_s)))
-    none = misfit.rows[:0]
+    time_s = np.asarray(motion.time_s)
+    yield from _distortions(time_s, len(misfit.y))
+    yield from _additions(misfit.rest, time_s)
+    if loads is not None:
+        yield Addition("load_m", loads.at_m, loads.signals)
 
-    def slowed(rows: Rows, element: int | None, tau_s: float) -> ChangedSignals:
-        flat = as_real(rows.reshape(-1, time_s.size))
-        slow = np.asarray(FirstOrder(tau_s).in_time(flat, as_real(interval_s))).reshape(rows.shape)
+
+def _distortions(time_s: Float[np.ndarray, " sample"], elements: int) -> Iterator[Distortion]:
+    """A low-pass of all elements or of one, and the same saturation of all."""
+    interval_s = float(np.mean(np.diff(time_s)))
+
+    def slowed(rows: Rows, log_s: float, element: int | None) -> Rows:
+        flat, low_pass = as_real(rows.reshape(-1, time_s.size)), FirstOrder(float(np.exp(log_s)))
+        slow = np.asarray(low_pass.in_time(flat, as_real(interval_s))).reshape(rows.shape)
         is_own = np.arange(elements)[:, None] == element
-        return ChangedSignals(slow if element is None else np.where(is_own, slow, rows), none)
+        return slow if element is None else np.where(is_own, slow, rows)
 
     def frequency(log_s: float) -> float:
         return float(np.exp(-log_s) / (2 * np.pi))
@@ -307,53 +380,38 @@ def _causes(misfit: Misfit, motion: Motion, loads: "Loads | None") -> Iterator[M
     times = np.log(np.geomspace(interval_s / 2, SLOWEST * np.ptp(time_s), GRID))
     for element in [None, *range(elements if elements > 1 else 0)]:
         name = "low_pass_Hz" if element is None else f"low_pass_{element + 1}_Hz"
-        yield MisfitCause(
-            name, times, True, frequency,
-            lambda of, at, own=element: slowed(of.rows, own, float(np.exp(at))),
-        )  # fmt: skip
+        yield Distortion(name, times, frequency, partial(slowed, element=element))
 
-    def saturated(of: Misfit, share: float) -> ChangedSignals:
+    def saturated(rows: Rows, share: float) -> Rows:
         # s / (1 + a (s / s_max)^2): the same amplifier in all channels.
-        signal, slopes = of.rows[0], of.rows[1:]
+        signal, slopes = rows[0], rows[1:]
         size = share * (signal / np.max(np.abs(signal))) ** 2
         changed = slopes * (1 - size) / (1 + size) ** 2
-        return ChangedSignals(np.concatenate([(signal / (1 + size))[None], changed]), none)
+        return np.concatenate([(signal / (1 + size))[None], changed])
 
-    yield MisfitCause(
-        "saturation", np.linspace(0, 1, GRID), True, lambda at: at / (1 + at), saturated
-    )
+    yield Distortion("saturation", np.linspace(0, 1, GRID), lambda at: at / (1 + at), saturated)
 
-    def with_shapes(of: Misfit, shapes: Float[np.ndarray, "m sample"]) -> ChangedSignals:
-        return ChangedSignals(of.rows, of_each(np.broadcast_to(shapes, (elements, *shapes.shape))))
 
-    def waves(of: Misfit, frequency_Hz: float) -> ChangedSignals:
-        turn = 2 * np.pi * frequency_Hz * time_s
-        return with_shapes(of, np.stack([np.cos(turn), np.sin(turn)]))
+def _additions(rest: Signal, time_s: Float[np.ndarray, " sample"]) -> Iterator[Addition]:
+    """A constant, a drift, a jump and hum, each of its own size on each element, as what is left
+    (e, sample) suggests them."""
 
-    def smooth(of: Misfit, degree: float) -> ChangedSignals:
-        along = np.linspace(-1, 1, time_s.size)
-        return with_shapes(of, np.polynomial.legendre.legvander(along, int(degree)).T)
+    def added(name: str, values: Any, shapes: list[np.ndarray]) -> Addition:
+        """Of shapes (m, sample) for each value."""
+        rows = (of_each(np.broadcast_to(each, (len(rest), *each.shape))) for each in shapes)
+        return Addition(name, np.asarray(values, float), np.stack([*rows]))
 
+    along = np.linspace(-1, 1, time_s.size)
     for name, degree in TRENDS.items():
-        yield MisfitCause(name, np.array([degree], float), False, float, smooth)
-
-    def jumped(of: Misfit, at_s: float) -> ChangedSignals:
-        return with_shapes(of, np.stack([np.ones(time_s.size), time_s - time_s[0] > at_s]))
-
-    rest = misfit.rest
+        yield added(name, [degree], [np.polynomial.legendre.legvander(along, degree).T])
     after = _jumps(rest)
     if after.size:
         halfway_s = (time_s[after] + time_s[after + 1]) / 2 - time_s[0]
-        yield MisfitCause("jump_s", halfway_s, False, float, jumped)
-
-    tried = _frequencies(rest, interval_s)
-    yield MisfitCause("hum_Hz", tried, False, float, waves)
-    if loads is not None:
-        places = np.arange(len(loads.at_m), dtype=float)
-        yield MisfitCause(
-            "load_m", places, False, lambda at: float(loads.at_m[int(at)]),
-            lambda of, at: ChangedSignals(of.rows, loads.signals[int(at)]),
-        )  # fmt: skip
+        steps = [np.stack([np.ones(time_s.size), time_s - time_s[0] > at]) for at in halfway_s]
+        yield added("jump_s", halfway_s, steps)
+    tried = _frequencies(rest, float(np.mean(np.diff(time_s))))
+    turns = [2 * np.pi * frequency_Hz * time_s for frequency_Hz in tried]
+    yield added("hum_Hz", tried, [np.stack([np.cos(turn), np.sin(turn)]) for turn in turns])
 
 
 def _jumps(rest: Signal) -> Int[np.ndarray, " jump"]:

@@ -11,7 +11,6 @@ from collections.abc import Mapping
 from functools import partial
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from ...errors import refuse
@@ -72,7 +71,7 @@ def _differenced(
         off[at] = step
         above, below = (search.white_at(objective, ends.z + sign * off) for sign in (1, -1))
         jacobian[:, at] = (np.asarray(above) - np.asarray(below)) / (2 * step)
-    return ends._replace(jacobian=jnp.asarray(jacobian))
+    return ends._replace(jacobian=jacobian)
 
 
 def _falls(
