@@ -18,6 +18,7 @@ from .command.surroundings import (
     check_memory,
     printing,
     settle_drawing,
+    settle_heaps,
     settle_streams,
     too_little_memory,
 )
@@ -69,6 +70,7 @@ def _run(arguments: list[str], root: Path) -> int:
         return DONE
 
     settle_drawing()
+    settle_heaps()
     check_current_folder()
     check_memory()
     # Before numpy: its library's threads wait for each other longer than small matrices take.

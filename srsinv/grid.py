@@ -84,8 +84,9 @@ class Convolution(Operator):
         )
         if isinstance(self.transfer, np.ndarray):
             spectrum = np.fft.rfft(np.asarray(traction), self.length)
-            total = np.einsum("eck,ck->ek", self.transfer, spectrum)
-            return np.fft.irfft(total, self.length)[:, : self.n]
+            # Row by row: those of a rig's changes are many, and twice as long as the signals.
+            each = (np.sum(row * spectrum, axis=0) for row in self.transfer)
+            return np.stack([np.fft.irfft(row, self.length)[: self.n] for row in each])
         return _convolved(self.transfer, traction, self.n, self.length)
 
     def adjoint(self, signal: Float[Array | np.ndarray, "e n"]) -> Float[Array, "c n"]:
@@ -123,9 +124,16 @@ def _wrapped(
     transfer: Complex[Any, "e c k"], n: int, length: int, xp: Any = jnp
 ) -> Complex[Any, "e c m"]:
     """The transfer of the n most central lags of a circle of `length`."""
-    kernel, ahead = xp.fft.irfft(transfer, length), n // 2 + 1
-    central = xp.concatenate([kernel[..., :ahead], kernel[..., length - (n - ahead) :]], axis=-1)
-    return xp.fft.rfft(central)
+    ahead = n // 2 + 1
+
+    def of_element(rows):
+        kernel = xp.fft.irfft(rows, length)
+        return xp.fft.rfft(
+            xp.concatenate([kernel[..., :ahead], kernel[..., length - (n - ahead) :]], axis=-1)
+        )
+
+    # One after the other in numpy, as those of a rig's changes are many.
+    return xp.stack([of_element(rows) for rows in transfer]) if xp is np else of_element(transfer)
 
 
 # By jax.jit, whose dispatch is a quarter of filter_jit's: that is as long as a thousand cells take.

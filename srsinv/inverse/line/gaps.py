@@ -26,6 +26,7 @@ ROUNDED = 4 * float(np.finfo(float).eps)
 Values = Float[np.ndarray, " m"]
 Lags = Float[np.ndarray, "e f n"]
 Some = slice | Int[np.ndarray, " some"]
+Map = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +83,15 @@ class Gaps:
         """The part of a kernel within each block."""
         numbers = lags.ravel()
         return (numbers.take(at) for at in self._lags_in_blocks)
+
+    def whole_inverse(self, lags: Lags) -> Map | None:
+        """The inverse over all missing samples of a kernel that is positive definite; None of more
+        than a dense inverse is quick for."""
+        every = slice(None)
+        if self.cell.size > MOST:
+            return None
+        inverse = DenseInverse(self.matrix(lags, every, every)).whole
+        return lambda values: inverse @ values
 
     def inverses(self, lags: Lags) -> "BlockInverse":
         """The inverses of its blocks, of a kernel that is positive definite."""
@@ -217,7 +227,6 @@ def conjugate_gradients(
 LANCZOS_STEPS, ONE = 60, 0.01
 
 Field = Float[np.ndarray, "..."]
-Map = Callable[[np.ndarray], np.ndarray]
 
 
 class Shapes(NamedTuple):

@@ -226,7 +226,7 @@ class PosteriorMap:
         # The hats have the means, and the nearest problem none: its own are next to undetermined.
         fixed = {"zero_mean": np.ones(problem.unknowns, bool)} if is_open else {}
         self.near = NearPeriodic(PeriodicModel(with_fields(problem, **fixed), gaps), prior)
-        self.filler = self.near.filler()
+        self.over_gaps_inverse = self.near.over_gaps_inverse()
         hats = hats_of(self.near, problem.observed_cells) if is_open else None
         self.coarse = None if hats is None else Coarse.of(self.normal, hats, problem.unknowns)
         self.shapes: Shapes | None = None
@@ -238,7 +238,8 @@ class PosteriorMap:
 
     def near_times(self, r: Traction) -> Traction:
         """The covariance of the nearest periodic problem times r."""
-        return self.normal.centre(self.near.covariance_times(self.normal.centre(r), self.filler))
+        moved = self.near.covariance_times(self.normal.centre(r), self.over_gaps_inverse)
+        return self.normal.centre(moved)
 
     def nearly_times(self, r: Traction) -> Traction:
         """The covariance times r, but for what conjugate gradients still correct: exact for hats,

@@ -91,11 +91,17 @@ class NearPeriodic:
         """The inverses of Q's blocks of missing samples."""
         return self.gaps.inverses(self.lags(self.smooth))
 
-    def filler(self) -> Map:
-        """Nearly the inverse of Q over the missing samples: its blocks', and what couples them."""
+    def over_gaps_inverse(self) -> Map:
+        """The inverse of Q over the missing samples: whole where these are few, else by conjugate
+        gradients from its blocks' and what couples them."""
+        whole = self.gaps.whole_inverse(self.lags(self.unexpected))
+        if whole is not None:
+            return whole
         blocks, like = self.blocks(), np.zeros(self.gaps.cell.size)
         shapes = missing_shapes(self.over_gaps, blocks, np.copy, like)
-        return lambda values: blocks(values) + shapes.times(values)
+        return lambda values: self.filled(
+            values, lambda each: blocks(each) + shapes.times(each), INNER_TOLERANCE
+        )
 
     def over_gaps(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " m"]:
         """Q over the missing samples, times values at these."""
@@ -109,14 +115,14 @@ class NearPeriodic:
         return conjugate_gradients(self.over_gaps, filler, right, tolerance, MOST_STEPS).value
 
     def covariance_times(
-        self, r: Float[np.ndarray, "c n"], filler: Map
+        self, r: Float[np.ndarray, "c n"], over_gaps_inverse: Map
     ) -> Float[np.ndarray, "c n"]:
         """The posterior covariance times r."""
         spectrum = to_spectrum(r)
         out = times(self.covariance, spectrum)
         if self.gaps.cell.size:
             signal = self.gaps.picked(from_spectrum(times(self.expected, spectrum), self.n))
-            filling = to_spectrum(self.gaps.placed(self.filled(signal, filler, INNER_TOLERANCE)))
+            filling = to_spectrum(self.gaps.placed(over_gaps_inverse(signal)))
             out = out + times(adjoint(self.expected), filling)
         return from_spectrum(out, self.n)
 

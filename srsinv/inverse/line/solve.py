@@ -36,6 +36,7 @@ from .near_periodic import PeriodicModel, PriorScore
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .rig_bands import rig_errors, with_rig_errors
+from .transforms import each_on_a_core
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
 # Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
@@ -178,7 +179,11 @@ class Scorer(eqx.Module):
         samples = self.problem.sample_count
         if isinstance(periodic := self.reduced, PeriodicModel):
             family = in_numpy(self.family)
-            found = [self._of_gaps(criterion, family(w), periodic) for w in log_weights]
+            found = each_on_a_core(
+                lambda logs: self._of_gaps(criterion, family(logs), periodic),
+                log_weights,
+                self.problem.line.n,
+            )
             return jax.tree.map(lambda *terms: np.array(terms), *found)
         count, is_direct = len(log_weights), isinstance(self.reduced, direct.Scored)
         padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))

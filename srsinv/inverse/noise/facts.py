@@ -41,9 +41,9 @@ def with_learned_facts(problem: LineProblem, depth_m: float, has_walk: bool) -> 
     if changes is None or not learned.any() or len(problem.data) < 2 or not signals.stretches:
         return problem
     bands = SpectralBands.of(signals)
-    transfer = np.asarray(changes.circulant().transfer, complex)
-    each = transfer.reshape(len(sources), *signals.gain.shape)[learned]
-    each = each / np.sqrt(signals.white)[:, None, None]
+    rows = np.asarray(changes.transfer, complex)[np.repeat(learned, len(problem.data))]
+    transfer = dataclasses.replace(changes, transfer=rows).circulant().transfer
+    each = transfer.reshape(-1, *signals.gain.shape) / np.sqrt(signals.white)[:, None, None]
     facts = np.stack([at_bands(one, bands.places) for one in each], axis=2)
     # A correlated part beside them: what that explains as well is no fact.
     likelihood = Likelihood(bands, True, has_walk, facts=facts)

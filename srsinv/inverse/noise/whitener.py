@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ...numerics import FLAT, is_flat
-from ..line.gaps import MOST_STEPS, BlockInverse, Gaps, conjugate_gradients
+from ..line.gaps import MOST_STEPS, Gaps, Map, conjugate_gradients
 from ..line.model import EstimateParts, LineModel
 from ..line.transforms import from_spectrum, to_spectrum
 
@@ -27,9 +27,7 @@ class NoisePrecision:
         at_zero, last = self.precision[:, 0], self.precision[:, -1]
         is_alike = np.abs(at_zero - last) <= FLAT * last
         self.is_white = is_flat(self.precision[:, 1:]) and bool(np.all((at_zero == 0) | is_alike))
-        lags = from_spectrum(self.precision, self.n)
-        precisions = np.eye(len(self.is_observed))[..., None] * lags
-        self.noise_blocks = BlockInverse(()) if self.is_white else gaps.inverses(precisions)
+        self._fill = None if self.is_white or not gaps.cell.size else self._filler()
         self.of_offset = None
         if self.scale is not None and has_offset:
             self.of_offset = self._weighed(1 / self.scale) / self.scale
@@ -56,15 +54,24 @@ class NoisePrecision:
                 y = y - y.sum(axis=-1, keepdims=True) / count
             return np.where(self.is_observed, y * self.precision[:, -1:], 0.0)
         weighed = self._times_precision(y)
-        if self.gaps.cell.size:
-            right = self.gaps.picked(weighed)
-
-            def operator(values):
-                return self.gaps.picked(self._times_precision(self.gaps.placed(values)))
-
-            filling = conjugate_gradients(operator, self.noise_blocks, right, TIGHT, MOST_STEPS)
-            weighed = weighed - self._times_precision(self.gaps.placed(filling.value))
+        if self._fill is not None:
+            filling = self._fill(self.gaps.picked(weighed))
+            weighed = weighed - self._times_precision(self.gaps.placed(filling))
         return np.where(self.is_observed, weighed, 0.0)
+
+    def _filler(self) -> Map:
+        """The inverse of N^-1 over the missing samples."""
+        lags = from_spectrum(self.precision, self.n)
+        each = np.eye(len(self.is_observed))[..., None] * lags
+        whole = self.gaps.whole_inverse(each)
+        if whole is not None:
+            return whole
+        blocks = self.gaps.inverses(each)
+
+        def operator(values):
+            return self.gaps.picked(self._times_precision(self.gaps.placed(values)))
+
+        return lambda right: conjugate_gradients(operator, blocks, right, TIGHT, MOST_STEPS).value
 
     def _times_precision(self, y: Signal) -> Signal:
         return from_spectrum(to_spectrum(y) * self.precision, self.n)
