@@ -1,6 +1,5 @@
 """Copies of Equinox's modules."""
 
-import dataclasses
 from typing import Any, TypeVar
 
 import equinox as eqx
@@ -15,6 +14,5 @@ def with_fields(module: Module, **changed: Any) -> Module:
     Not by copy.copy: Equinox holds what it makes until an `__init__` ends.
     """
     made = object.__new__(type(module))
-    for field in dataclasses.fields(module):
-        object.__setattr__(made, field.name, changed.get(field.name, getattr(module, field.name)))
+    vars(made).update(vars(module) | changed)
     return made

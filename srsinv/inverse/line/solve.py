@@ -8,7 +8,6 @@
 """
 
 import abc
-import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
@@ -66,26 +65,16 @@ def solve(
     and `warnings` are what the estimate has besides. Raises `BadInput` for a path that is unknown
     or does not serve this problem.
     """
-    estimate = _solved(problem.without_warnings(), prior, path, tolerance, stats, warnings)
-    return dataclasses.replace(estimate, warnings=(*problem.warnings, *estimate.warnings))
-
-
-def _solved(
-    problem: LineProblem,
-    prior: Prior,
-    path: str,
-    tolerance: float,
-    stats: Mapping[str, Any],
-    warnings: Sequence[str],
-) -> TractionEstimate:
+    given, problem = problem.warnings, problem.without_warnings()
     path = choose_path(problem, path)
     stats = {**stats, "path": path}
     status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
     if path == "spectral":
-        return _estimate(problem, spectral_answer(problem, prior), status, stats, warnings)
-    if path == "direct":
+        answer = spectral_answer(problem, prior)
+    elif path == "direct":
         solution = direct.solve(problem, prior, direct.whiten(problem))
         status = _trusted(solution, TRUSTED[problem.data.dtype.name])
+        answer = answer_of(problem, prior, solution)
     else:
         tolerance = max(tolerance, 100 * eps)  # round-off allows no less
         solution, steps, converged, defect = iterative.solve(problem, prior, tolerance)
@@ -95,7 +84,8 @@ def _solved(
             status = Status.STEP_LIMIT
         elif not problem.separable:
             status = _trusted(solution, TRUSTED_ITERATIVE)
-    return _estimate(problem, answer_of(problem, prior, solution), status, stats, warnings)
+        answer = answer_of(problem, prior, solution)
+    return _estimate(problem, answer, status, stats, (given, warnings))
 
 
 def conditioned(attempt: Callable[[float], Estimate]) -> Estimate:
@@ -247,8 +237,9 @@ def _estimate(
     answer: CheckedSolution,
     status: Status,
     stats: dict,
-    warnings: Sequence[str],
+    warnings: tuple[Sequence[str], Sequence[str]],
 ) -> TractionEstimate:
+    """The estimate; `warnings` are those before its own and after."""
     solution, moved = answer.solution, rig_errors(problem, answer.solution)
     if moved is not None:
         stderr = with_rig_errors(problem, answer.parts.stderr, moved)
@@ -273,7 +264,7 @@ def _estimate(
         friction=problem.friction,
         rig_errors=moved,
         status=status,
-        warnings=(*_warnings(problem, answer, stats), *warnings),
+        warnings=(*warnings[0], *_warnings(problem, answer, stats), *warnings[1]),
         stats=stats,
     )
 
