@@ -23,6 +23,7 @@ from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.model import SampleNoise
+from srsinv.inverse.nonlinear import fit
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Wiener
@@ -247,3 +248,42 @@ def test_a_fit_of_another_length_compiles_nothing():
         value, stderr = fitted(problems[1]).parameters["position_m"]
     assert not traced
     assert abs(value - truth["line"]["position_m"]) < 4 * stderr
+
+
+class Decay(eqx.Module):
+    """A decay by two facts of the amplifier, which some fits hold."""
+
+    time_s: np.ndarray
+    may_hold: tuple[str, ...] = eqx.field(static=True, default=("facts",))
+
+    def __call__(self, params):
+        gain, drift = params["facts"]
+        decay = jnp.exp(-self.time_s / params["tau_s"])
+        return (1 + 0.1 * gain) * params["size"] * decay + 0.01 * drift * self.time_s
+
+
+@pytest.mark.parametrize("linear", [(), ("size",)])
+def test_a_fit_that_holds_facts_is_by_the_program_of_a_fit_beside_them(linear):
+    """And it gives what a program of its own gives, with errors of fewer parameters."""
+    time_s = np.linspace(0, 3, 60)
+    facts = np.array([0.5, -1.0])
+    truth = {"size": 2.0, "tau_s": 0.7, "facts": facts}
+    y = np.asarray(Decay(time_s)(truth)) + 0.02 * np.random.default_rng(2).normal(size=60)
+    start = {"size": 1.5, "tau_s": 1.0, "facts": facts}
+    priors = {"size": (1.8, 0.5), "tau_s": (0.8, 0.5)}
+    held = {"noise": 0.02, "free": [*priors], "linear": linear, "priors": priors}
+    beside = {"noise": 0.02, "linear": linear, "priors": priors | {"facts": (facts, 1.0)}}
+    wide = fit(Decay(time_s), start, y, **beside)
+    with traces() as traced:
+        narrow = fit(Decay(time_s), start, y, **held)
+    own = fit(Decay(time_s, ()), start, y, **held)
+    assert "_searched" not in " ".join(traced)
+    assert narrow.names == own.names == ("size", "tau_s")
+    np.testing.assert_array_equal(narrow.value["facts"], facts)
+    for name in narrow.names:
+        np.testing.assert_allclose(narrow.value[name], own.value[name], rtol=1e-9)
+        np.testing.assert_allclose(narrow.stderr[name], own.stderr[name], rtol=1e-6)
+        assert wide.stderr[name] >= narrow.stderr[name]
+    assert wide.stderr["size"] > 2 * narrow.stderr["size"]
+    assert narrow.stats["degrees_of_freedom"] == own.stats["degrees_of_freedom"] == 58
+    np.testing.assert_allclose(narrow.log_evidence, own.log_evidence, rtol=1e-9)

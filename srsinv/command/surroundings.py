@@ -36,8 +36,9 @@ _LEAST = {"ulimit -v": 2560, "ulimit -d": 1024}
 # What jax and Python's threads say where there is no memory.
 _OUT_OF_MEMORY = ("RESOURCE_EXHAUSTED", "can't start new thread")
 Loaded = TypeVar("Loaded")
-# glibc's number for the most heaps of a process's threads, and how many are allowed: each keeps what
-# it has freed, with eight a core a tenth of what a long recording takes. One slows XLA by a quarter.
+# glibc's number for the most heaps of a process's threads, and how many are allowed: each keeps
+# what it has freed, which with eight a core is a tenth of what a long recording takes. With one
+# XLA compiles a quarter slower.
 _ARENA_MAX, _HEAPS = -8, 2
 _REASON = 200  # characters of another program's error
 

@@ -153,7 +153,11 @@ class FeatureFitter:
         levels = rough.first(y) if rough else None
         using = rough.whitener(levels, y) if rough and levels else noise
         given = {name: given_start(start or {}, name, features) for name in features}
-        result = self._fit_in_turn(features, y, using, levels, given, starts)
+        rig = None if rig is None else rig.without(self._facts_aside)
+        known = None if rig is None else rig.uncertain(self._sensor, self._filled)
+        # About the facts as stated, which are held: the fit beside them is the same program.
+        stated = self if known is None else self._about(known)
+        result = stated._fit_in_turn(features, y, using, levels, given, starts)
         model = self._model.with_features(features)
         if result is None:
             levels = rough.alone(y) if rough else None
@@ -161,10 +165,11 @@ class FeatureFitter:
             return FeatureEstimate.of_nothing(model, y, using, levels)
         allowing, sources, rivals = self, (), Rivals()
         plain = result
-        rig = None if rig is None else rig.without(self._facts_aside)
         if rig is not None:
             # Before the noise is estimated: what wrong facts leave is no noise.
-            allowing, sources, result, rivals = self._allowing_for(rig, features, result, y, using)
+            allowing, sources, result, rivals = stated._allowing_for(
+                rig, known, features, result, y, using
+            )
         if rough and levels:
             again = lambda begun, white: allowing._fit(features, begun, y, white)  # noqa: E731
             result, levels = rough.settled(again, result, levels, y)
@@ -295,7 +300,9 @@ class FeatureFitter:
     def _common(self, y: np.ndarray) -> dict[str, Any]:
         """First values of the parameters that are no feature's."""
         offset = {"offset": np.zeros(len(y))} if self._model.free_offset else {}
-        return self._model.loading.common() | offset
+        known = self._model.uncertain
+        facts = {} if known is None else {"calibration": np.zeros(known.setup.root.shape[1])}
+        return self._model.loading.common() | offset | facts
 
     def _fit(self, parts: Features, start: dict[str, Any], y: np.ndarray, noise: Any) -> Fit:
         model = self._model.with_features(parts)
@@ -312,7 +319,7 @@ class FeatureFitter:
         bounds = loading.bounds(model.line, parts, self._stretch) if parts else {}
         if self._rig is not None:
             priors["calibration"] = (0.0, 1.0)
-        if model.uncertain is not None:
+        if model.uncertain is not None and self._rig is not None:
             most = model.uncertain.setup.reach
             bounds["calibration"] = -most, most
         linear = model.linear if parts else ("offset",)
@@ -355,15 +362,26 @@ class FeatureFitter:
         freed = ("gain_1" if name == "gain" else name for name in loading.freed)
         return frozenset(freed) | (frozenset(OF_CONTACT) - frozenset(loading.FACTS))
 
+    def _about(self, known: UncertainSetup) -> "FeatureFitter":
+        """The fitter about the facts of the rig as they are stated."""
+        own = copy.copy(self)
+        own._model = self._model.about(known, np.zeros(known.root.shape[1]))
+        return own
+
     def _allowing_for(
-        self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any
+        self,
+        rig: SensorError,
+        known: UncertainSetup | None,
+        features: Features,
+        result: Fit,
+        y: np.ndarray,
+        noise: Any,
     ) -> tuple["FeatureFitter", tuple[str, ...], Fit, "Rivals"]:
         """The fitter with room for what is not known of the rig, the sources of its errors, the
         fit, and other minima. Tolerances are large: the facts are parameters as the
         others are. What a calibration leaves is small, so that signals are linear in it."""
         own, model = copy.copy(self), self._model.with_features(features)
         own._rig, start = rig, dict(result.value)
-        known = rig.uncertain(self._sensor, self._filled)
         if known is None:
             columns = rig.columns(
                 self._sensor,
@@ -373,7 +391,6 @@ class FeatureFitter:
             own._model = self._model.with_nuisance(columns)
             start["calibration"] = np.zeros(len(columns))
             return own, rig.sources(len(columns)), own._fit(features, start, y, noise), Rivals()
-        start["calibration"] = np.zeros(known.root.shape[1])
         own._solver = model.loading.solver(self._given_solver, has_facts=True)
         result = own._beside_facts(known, features, start, y, noise)
         # What is no minimum has none beside it.
@@ -406,8 +423,9 @@ class FeatureFitter:
         """The fit beside the facts of a rig, in rounds, the model about those found before."""
         rounds = 0
         while True:
-            off = np.asarray(start["calibration"])
-            self._model = self._model.about(known, off)
+            off, uncertain = np.asarray(start["calibration"]), self._model.uncertain
+            if uncertain is None or np.any(off != np.asarray(uncertain.at)):
+                self._model = self._model.about(known, off)
             result, rounds = self._fit(features, start, y, noise), rounds + 1
             start = dict(result.value)
             moved = np.max(np.abs(np.asarray(start["calibration"]) - off))

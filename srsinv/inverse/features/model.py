@@ -162,6 +162,11 @@ class FeatureModel(eqx.Module):
         return (*self.loading.LINEAR, *own, *rig, *(("offset",) if self.free_offset else ()))
 
     @property
+    def may_hold(self) -> tuple[str, ...]:
+        """Names of parameters that a fit may hold: those of the rig's facts."""
+        return () if self.uncertain is None else ("calibration",)
+
+    @property
     def steps(self) -> dict[str, float]:
         """Steps for central differences, by parameter, where derivatives need them."""
         return self.loading.steps(self.line, self.features)

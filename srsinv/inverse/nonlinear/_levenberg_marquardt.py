@@ -85,9 +85,9 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
 
     lower: Float[Array, " m"]
     upper: Float[Array, " m"]
-    rtol: float
+    rtol: Any
     bends: bool = True
-    near: float = 0.0
+    near: Any = 0.0
     atol: float = 0.0
     norm: Callable[[Any], Array] = optx.two_norm
 
@@ -151,8 +151,8 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         return y, aux, {}
 
     @property
-    def _ftol(self) -> float:
-        return max(self.rtol**2, 4 * float(jnp.finfo(self.lower.dtype).eps))
+    def _ftol(self) -> Any:
+        return jnp.maximum(self.rtol**2, 4 * float(jnp.finfo(self.lower.dtype).eps))
 
     def _held(self, y, point: Point) -> Bool[Array, " m"]:
         """Mask of variables on a bound beyond which the cost would fall."""
@@ -174,7 +174,7 @@ class BoundedLevenbergMarquardt(optx.AbstractLeastSquaresSolver):
         undamped = 1 + damping
         small = (undamped * length <= self.rtol * size) | (length <= jnp.finfo(y.dtype).eps * size)
         # At `near` standard errors from its minimum the cost, n s^2 / 2, is near^2 s^2 / 2 higher.
-        fall = max(self._ftol, self.near**2 / point.q.shape[0])
+        fall = jnp.maximum(self._ftol, self.near**2 / point.q.shape[0])
         flat = undamped * predicted <= fall * point.cost
         return (cosine <= self.rtol) | small | flat
 

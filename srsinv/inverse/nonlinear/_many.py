@@ -236,7 +236,7 @@ def ends_of_many(
     """The end of the search for each of the data, None where it has to be searched alone."""
     if not solver.has_batch:
         return [None] * len(ys)
-    tolerance = relative(solver.tolerance, objective.y.dtype)
+    tolerance = float(relative(solver.tolerance, objective.y.dtype))
     width = min(at_once, len(ys))
     batch = Batch(objective, ys, *box, tolerance, solver.max_steps, width)
     best, start_costs = search_many(batch, starts, own, most, is_noise)

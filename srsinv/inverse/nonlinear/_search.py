@@ -27,7 +27,8 @@ class Objective(eqx.Module):
     """The objective, as a function of the free parameters z (m,).
 
     Half the sum over the data of t(r)^2, with r the whitened residual y - model and t the loss's
-    root, and half the sum over the priors of ((z - mean)/stderr)^2.
+    root, and half the sum over the priors of ((z - mean)/stderr)^2. `is_held`: whether the model's
+    facts, which are among the free parameters, are not to move; None: it has none.
     """
 
     model: Callable[[Any], Float[Array, "..."]]
@@ -39,6 +40,7 @@ class Objective(eqx.Module):
     prior_mean: Float[Host, " m"] | None
     prior_weight: Float[Host, " m"] | None
     loss: Loss
+    is_held: Bool[Host, ""] | None = None
 
     @property
     def is_robust(self) -> bool:
@@ -66,9 +68,42 @@ class Objective(eqx.Module):
             return self
         return dataclasses.replace(self, model=model, y=padded(self.y, more, 0.0), whiten=whiten)
 
+    @property
+    def facts(self) -> tuple[int, ...]:
+        """Indices in the row of the model's facts: parameters that some fits hold."""
+        names = getattr(self.model, "may_hold", ())
+        return tuple(i for name in names for i in self.layout.indices(name, "facts"))
+
+    def beside_facts(self) -> "Objective":
+        """The same with the model's facts among the free parameters, held at their values where
+        they were not: one program serves fits with and without them."""
+        layout, row = self.layout, np.asarray(self.row)
+        if not self.facts:
+            return self
+        more = set(self.facts) - set(layout.free)
+        if not more:
+            return dataclasses.replace(self, is_held=np.array(False))
+        free = sorted({*layout.free, *more})
+        own, facts = np.isin(free, layout.free), np.isin(free, self.facts)
+        mean, weight = np.where(facts, row[free], 0.0), facts.astype(row.dtype)
+        if self.prior_mean is not None and self.prior_weight is not None:
+            mean[own], weight[own] = self.prior_mean, self.prior_weight
+        layout = dataclasses.replace(layout, free=tuple(free))
+        return dataclasses.replace(
+            self, layout=layout, prior_mean=mean, prior_weight=weight, is_held=np.array(True)
+        )
+
     def tree(self, z: Float[Array, " m"]) -> Any:
         """The parameters as the model takes them."""
-        return self.layout.filled(jnp.asarray(self.row), z)
+        return self.layout.filled(jnp.asarray(self.row), self._holding(z))
+
+    def _holding(self, z: Float[Array, " m"]) -> Float[Array, " m"]:
+        """The free parameters, facts that are held at their values."""
+        if self.is_held is None:
+            return z
+        free = np.asarray(self.layout.free)
+        is_left = self.is_held & np.isin(free, self.facts)
+        return jnp.where(is_left, jnp.asarray(self.row)[free], z)
 
     def signal(self, z: Float[Array, " m"]) -> Float[Array, "..."]:
         """The model at z. Raises `BadInput`, as it is traced, for one that jax cannot differentiate
@@ -112,7 +147,7 @@ class Objective(eqx.Module):
         """The objective of the data as a function of some of the free parameters alone, the others
         fixed at z: only what those enter is differentiated."""
         free = tuple(self.layout.free[place] for place in places)
-        row = jnp.asarray(self.row).at[np.asarray(self.layout.free)].set(z)
+        row = jnp.asarray(self.row).at[np.asarray(self.layout.free)].set(self._holding(z))
         layout = dataclasses.replace(self.layout, free=free, linear=())
         return dataclasses.replace(self, layout=layout, row=row, prior_mean=None, prior_weight=None)
 
@@ -268,6 +303,11 @@ class SearchEnd(NamedTuple):
     iterations: Int[Host, ""]
     done: Bool[Host, ""]
 
+    def of_parameters(self, own: Bool[np.ndarray, " m"]) -> "SearchEnd":
+        """The same of these of its parameters."""
+        z, jacobian = np.asarray(self.z), np.asarray(self.jacobian)
+        return self._replace(z=z[own], jacobian=jacobian[:, own])
+
     def first(self, shape: tuple[int, ...], samples: int) -> "SearchEnd":
         """The same of the first of so many samples, those of data of this shape."""
 
@@ -302,10 +342,23 @@ class Search:
         return self._run(objective, z.astype(self.lower.dtype)).white
 
     def _run(self, objective: Objective, at: Float[Host, " m"]) -> SearchEnd:
-        settings = self.solver, self.starts, self.lower, self.upper, self.max_searches
-        whole = objective.filled
-        end = _searched(whole, *settings, at)
-        return end if whole is objective else end.first(objective.y.shape, whole.y.shape[-1])
+        whole = objective.filled.beside_facts()
+        own = np.isin(whole.layout.free, objective.layout.free)
+        held = np.asarray(whole.row)[np.asarray(whole.layout.free)]
+
+        def among(values: Any, others: Any) -> np.ndarray:
+            """Values of the objective's own parameters, and others of the facts that it holds."""
+            made = np.array(np.broadcast_to(others, (*np.shape(values)[:-1], own.size)), held.dtype)
+            made[..., own] = values
+            return made
+
+        box = among(self.lower, -np.inf), among(self.upper, np.inf)
+        there = among(at, np.nan if np.isnan(at).any() else held)
+        starts = among(self.starts, held)
+        end = _searched(whole, self.solver, starts, *box, self.max_searches, there)
+        end = end if own.all() else end.of_parameters(own)
+        shape, samples = objective.y.shape, whole.y.shape[-1]
+        return end if whole.y.shape == shape else end.first(shape, samples)
 
 
 @compiled

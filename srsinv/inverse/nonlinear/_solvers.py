@@ -118,18 +118,20 @@ class Optimistix(Solver):
     """
 
     name: ClassVar[str] = "optimistix"
-    tolerance: float | None = eqx.field(static=True)
+    tolerance: float | None
     max_steps: int = eqx.field(static=True)
-    rounding: float | None = eqx.field(static=True)
+    rounding: float | None
 
     def __init__(self, tolerance: Any = None, max_steps: Any = 2000, rounding: Any = None):
-        self.tolerance = known_tolerance(tolerance)
+        # As numpy's numbers, which are inputs of a program: it serves any of them.
+        tolerance = known_tolerance(tolerance)
+        self.tolerance = None if tolerance is None else np.float64(tolerance)
         self.max_steps = known_count("max_steps", max_steps)
         wanted = "a number between 0 and 1, or null for a smooth model"
         self.rounding = (
             None
             if rounding is None
-            else float(number("solver.rounding", rounding, wanted, above=0, below=1))
+            else np.float64(number("solver.rounding", rounding, wanted, above=0, below=1))
         )
 
     @property
@@ -162,7 +164,7 @@ class Optimistix(Solver):
 
         rtol = relative(self.tolerance, z0.dtype)
         bends = self.rounding is None
-        near = PART * ROUGH * (self.rounding or 0.0)
+        near = 0.0 if self.rounding is None else PART * ROUGH * self.rounding
         method = BoundedLevenbergMarquardt(
             lower=lower, upper=upper, rtol=rtol, bends=bends, near=near
         )
