@@ -176,7 +176,7 @@ class Misfit:
         scaled = squares / unit[..., None] / unit[..., None, :] + ALIKE * np.eye(weight.size)
         moves = np.linalg.solve(scaled, (along / unit)[..., None])[..., 0]
         left = rest @ rest + pull @ pull - np.sum(along / unit * moves, axis=-1)
-        return left / 2, (moves / unit)[..., :free]
+        return np.asarray(left / 2), (moves / unit)[..., :free]
 
 
 def _joined(

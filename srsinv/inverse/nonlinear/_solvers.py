@@ -103,7 +103,7 @@ def known_count(name: str, value: Any) -> int:
     return whole(f"solver.{name}", value, "a whole number from 1", least=1)
 
 
-def relative(tolerance: float | None, dtype) -> float:
+def relative(tolerance: Any, dtype) -> Any:
     """The tolerance, or the default for the precision."""
     if tolerance is not None:
         return tolerance
