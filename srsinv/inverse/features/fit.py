@@ -60,6 +60,7 @@ class FeatureFitter:
     ):
         self._model, self._search, self._sensor, self._motion = model, search, sensor, motion
         self._rig: SensorError | None = None
+        self._facts: UncertainSetup | None = None
         self._stretch, self._depth_m = scan_extent(sensor, motion), float(sensor.depth_m)
         self._filled = filled_up(motion)
         self._given_solver, self._solver = solver, model.loading.solver(solver)
@@ -156,7 +157,8 @@ class FeatureFitter:
         rig = None if rig is None else rig.without(self._facts_aside)
         known = None if rig is None else rig.uncertain(self._sensor, self._filled)
         # About the facts as stated, which are held: the fit beside them is the same program.
-        stated = self if known is None else self._about(known)
+        stated = copy.copy(self)
+        stated._facts = known
         result = stated._fit_in_turn(features, y, using, levels, given, starts)
         model = self._model.with_features(features)
         if result is None:
@@ -300,11 +302,14 @@ class FeatureFitter:
     def _common(self, y: np.ndarray) -> dict[str, Any]:
         """First values of the parameters that are no feature's."""
         offset = {"offset": np.zeros(len(y))} if self._model.free_offset else {}
-        known = self._model.uncertain
-        facts = {} if known is None else {"calibration": np.zeros(known.setup.root.shape[1])}
+        known = self._facts
+        facts = {} if known is None else {"calibration": np.zeros(known.root.shape[1])}
         return self._model.loading.common() | offset | facts
 
     def _fit(self, parts: Features, start: dict[str, Any], y: np.ndarray, noise: Any) -> Fit:
+        if self._facts is not None and self._model.uncertain is None:
+            # Here, as it takes long where the search has refused to begin.
+            self._model = self._model.about(self._facts, start["calibration"])
         model = self._model.with_features(parts)
         return fit(model, start, y, steps=model.steps or None, **self._settings(parts, y, noise))
 
@@ -361,12 +366,6 @@ class FeatureFitter:
         loading = self._model.loading
         freed = ("gain_1" if name == "gain" else name for name in loading.freed)
         return frozenset(freed) | (frozenset(OF_CONTACT) - frozenset(loading.FACTS))
-
-    def _about(self, known: UncertainSetup) -> "FeatureFitter":
-        """The fitter about the facts of the rig as they are stated."""
-        own = copy.copy(self)
-        own._model = self._model.about(known, np.zeros(known.root.shape[1]))
-        return own
 
     def _allowing_for(
         self,
