@@ -43,6 +43,8 @@ def main(argv: Sequence[str] | None = None, config_root: Path | None = None) -> 
     one, is made importable.
     """
     settle_streams(are_own=argv is None)
+    if argv is None:  # else the process is another program's
+        settle_heaps()
     try:
         arguments = list(sys.argv[1:] if argv is None else argv)
         with rare_collections(is_whole_process=argv is None):
@@ -70,7 +72,6 @@ def _run(arguments: list[str], root: Path) -> int:
         return DONE
 
     settle_drawing()
-    settle_heaps()
     check_current_folder()
     check_memory()
     # Before numpy: its library's threads wait for each other longer than small matrices take.
