@@ -155,10 +155,9 @@ class FeatureFitter:
         using = rough.whitener(levels, y) if rough and levels else noise
         given = {name: given_start(start or {}, name, features) for name in features}
         rig = None if rig is None else rig.without(self._facts_aside)
-        known = None if rig is None else rig.uncertain(self._sensor, self._filled)
         # About the facts as stated, which are held: the fit beside them is the same program.
         stated = copy.copy(self)
-        stated._facts = known
+        stated._facts = None if rig is None else rig.uncertain(self._sensor, self._filled)
         result = stated._fit_in_turn(features, y, using, levels, given, starts)
         model = self._model.with_features(features)
         if result is None:
@@ -170,7 +169,7 @@ class FeatureFitter:
         if rig is not None:
             # Before the noise is estimated: what wrong facts leave is no noise.
             allowing, sources, result, rivals = stated._allowing_for(
-                rig, known, features, result, y, using
+                rig, features, result, y, using
             )
         if rough and levels:
             again = lambda begun, white: allowing._fit(features, begun, y, white)  # noqa: E731
@@ -193,7 +192,8 @@ class FeatureFitter:
         against = (*against, *misfit.warnings, *contradicted(result, sources))
         causes = Explained()
         if against or result.warnings:
-            begun = FittedModel(plain, using, *allowing._by_stated_facts(features))
+            by_facts = allowing if stated._facts is None else stated
+            begun = FittedModel(plain, using, *by_facts._model_and_facts(features))
             last = rough.whitener(levels, y) if rough and levels else using
             ended, white = (
                 FittedModel(result, last, model),
@@ -234,13 +234,11 @@ class FeatureFitter:
 
         return list(map(estimate_of, fits, ys, ratios))
 
-    def _by_stated_facts(self, features: Features) -> tuple[FeatureModel, int]:
-        """The model about the facts of the rig as stated, and the number of these."""
+    def _model_and_facts(self, features: Features) -> tuple[FeatureModel, int]:
+        """The model, and the number of the rig's facts that it is a function of."""
         model = self._model.with_features(features)
-        if model.uncertain is not None:
-            known = model.uncertain.setup
-            facts = known.root.shape[1]
-            return model.about(known, np.zeros(facts)), facts
+        if self._facts is not None:
+            return model, self._facts.root.shape[1]
         return model, 0 if model.nuisance is None else len(model.nuisance)
 
     def _misfit(
@@ -368,19 +366,13 @@ class FeatureFitter:
         return frozenset(freed) | (frozenset(OF_CONTACT) - frozenset(loading.FACTS))
 
     def _allowing_for(
-        self,
-        rig: SensorError,
-        known: UncertainSetup | None,
-        features: Features,
-        result: Fit,
-        y: np.ndarray,
-        noise: Any,
+        self, rig: SensorError, features: Features, result: Fit, y: np.ndarray, noise: Any
     ) -> tuple["FeatureFitter", tuple[str, ...], Fit, "Rivals"]:
         """The fitter with room for what is not known of the rig, the sources of its errors, the
         fit, and other minima. Tolerances are large: the facts are parameters as the
         others are. What a calibration leaves is small, so that signals are linear in it."""
         own, model = copy.copy(self), self._model.with_features(features)
-        own._rig, start = rig, dict(result.value)
+        own._rig, start, known = rig, dict(result.value), self._facts
         if known is None:
             columns = rig.columns(
                 self._sensor,
