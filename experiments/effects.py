@@ -16,7 +16,7 @@ from srsinv.progress import stage, steps
 from srsinv.report.data import dataset, scalars
 from srsinv.report.result import Result
 from srsinv.report.section import sections
-from srsinv.report.text import significant
+from srsinv.report.text import significant, spoken
 
 
 class EffectRow(NamedTuple):
@@ -96,10 +96,10 @@ def _dataset(
 
 def _title(data: xarray.Dataset) -> str:
     change = data["change"]
-    most, greatest = change.idxmax().item(), significant(100 * float(change.max()))
-    exceeding = ", ".join(data["effect"].values[change > data["bound"]])
-    bounds = f"beyond the bound: {exceeding}" if exceeding else "all stay within their bounds"
-    return f"Of {change.size} effects {most} changes the signal most, by {greatest} %; {bounds}"
+    most, greatest = spoken(change.idxmax().item()), significant(100 * float(change.max()))
+    exceeding = ", ".join(map(spoken, data["effect"].values[change > data["bound"]]))
+    bounds = f"above its bound: {exceeding}" if exceeding else "all are within their bounds"
+    return f"Of {change.size} effects, {most} changes the signal most, by {greatest} %; {bounds}"
 
 
 def _first_line(name: str) -> str:

@@ -32,7 +32,10 @@ def run(cfg: config.Config) -> Result:
     """
     settings = cfg["effects_auto"]
     tolerances, scenes = settings["tolerances"], settings["scenes"]
-    refuse(not tolerances or not scenes, "effects_auto needs a scene and a tolerance: name some.")
+    refuse(
+        not tolerances or not scenes,
+        "effects_auto.scenes or effects_auto.tolerances is empty: give at least one of each.",
+    )
     screened: dict[str, list[Screened]] = {name: [] for name in scenes}
     with config.precision(cfg), steps("scenes", scenes.items()) as each:
         key, line = config.random_key(cfg), config.line(cfg)
@@ -68,9 +71,9 @@ def _title(data: xarray.Dataset) -> str:
     scenes, tolerances, effects = (data.sizes[dim] for dim in (*BY, "effect"))
     on, worst = data["effects_on"], float(data["error_over_tolerance_max"])
     return (
-        f"{scenes} scene{'s' * (scenes > 1)} at {tolerances} tolerances: {int(on.min())} to "
-        f"{int(on.max())} of {effects} effects stay on, and what is left out changes the signal by "
-        f"at most {significant(worst, 2)} of the tolerance"
+        f"effects=auto keeps {int(on.min())} to {int(on.max())} of {effects} effects; the others "
+        f"change the signal by at most {significant(100 * worst, 2)} % of the tolerance "
+        f"({scenes} scene{'s' * (scenes > 1)}, {tolerances} tolerances)"
     )
 
 

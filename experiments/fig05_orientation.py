@@ -70,7 +70,7 @@ def run(cfg: config.Config) -> Result:
         speed_m_per_s=float(scan.speed_m_per_s),
     )  # fmt: skip
     each = [f"{quantity(c, 'C')} at {angle}°" for c, angle in zip(peak[0], angles, strict=True)]
-    title = f"A pressure of {load:g} N/m makes at most {each[0]} and {each[1]} in the two films"
+    title = f"A line pressure of {load:g} N/m gives peak charges of {each[0]} and {each[1]}"
     return Result(title, data, sections(__file__, responses=draw_responses))
 
 

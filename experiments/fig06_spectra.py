@@ -70,7 +70,7 @@ def run(cfg: config.Config) -> Result:
         friction=friction, noise=" and ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
     shortest = 1e3 * float(data["wavelength"].min())
-    title = f"The Wiener filter follows the inverse down to waves of {shortest:.2g} mm"
+    title = f"The Wiener filter resolves waves down to {shortest:.2g} mm"
     return Result(title, data, sections(__file__, filters=filters))
 
 
@@ -78,7 +78,11 @@ def _assumed_power(methods: Mapping[str, Method], problem: LineProblem) -> np.nd
     """The power of p that each filter assumes (method, k) [Pa^2]."""
     spectra = {name: method.spectra(problem) for name, method in methods.items()}
     others = [name for name, powers in spectra.items() if powers is None]
-    refuse(bool(others), f"method names {others}: only Wiener filters have a spectrum to draw.")
+    refuse(
+        bool(others),
+        f"method names {others}, but only Wiener filters have a spectrum to draw: "
+        "give method=[wiener].",
+    )
     return np.stack([np.asarray(each)[0] for each in spectra.values() if each is not None])
 
 

@@ -29,7 +29,11 @@ def run(cfg: config.Config) -> Result:
     passes, named = cfg["fig09_sliding_impulse"]["passes"], set(config.part(cfg, "effects"))
     refuse(passes < 2, f"fig09_sliding_impulse.passes is {passes}: give at least 2.")
     missing = sorted({"film_angle", "snap_back"} - named)
-    refuse(bool(missing), f"effects lacks {missing and missing[0]}, which this experiment shows.")
+    refuse(
+        bool(missing),
+        f"effects lacks {missing and missing[0]}, which this experiment needs: add it "
+        "to effects=[...].",
+    )
     with config.precision(cfg):
         others = named - {"film_angle", "snap_back"}
         ideal = config.simulation(config.select_effects(cfg, others))
@@ -60,8 +64,8 @@ def run(cfg: config.Config) -> Result:
         **{f"burst_{name}": float(getattr(bursts, name)) for name in BURST},
     )  # fmt: skip
     leading, trailing = (f"{100 * each:.0f} %" for each in data["lobe_ratio"].values)
-    left = f"{leading} of the leading lobe and {trailing} of the trailing one"
-    title = f"A tilt of {tilt_deg:.3g}° leaves {left}"
+    lobes = f"the leading lobe to {leading} and the trailing lobe to {trailing}"
+    title = f"A tilt of {tilt_deg:.3g}° changes {lobes}"
     return Result(title, data, sections(__file__, traces=draw_traces))
 
 

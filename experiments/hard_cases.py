@@ -43,14 +43,15 @@ def run(cfg: config.Config) -> Result:
     cases = config.part(settings, "cases")
     refuse(not cases, "hard_cases.cases is empty: give a case by name, none: {label: nothing}.")
     precisions = [choice("hard_cases.precisions", p, PRECISIONS) for p in settings["precisions"]]
-    refuse(not precisions, "hard_cases.precisions is []: give one at least.")
+    refuse(not precisions, "hard_cases.precisions is []: give at least one.")
     answers: dict[str, list[list[Answer]]] = {}  # (precision, method) by the case's label
     with steps("hard cases", cases.items()) as each:
         for name, changes in each:
             hard = dict(mapping(f"hard_cases.cases.{name}", changes))
             label = str(hard.pop("label", name))
             refuse(
-                label in answers, f"Two cases of hard_cases.cases are {label!r}: name them apart."
+                label in answers,
+                f"Two of hard_cases.cases have the label {label!r}: give them different labels.",
             )
             own, answers[label] = merged(cfg, hard), []
             with stage(f"hard case: {label}"):

@@ -24,24 +24,34 @@ if "JAX_ENABLE_X64" not in os.environ:
         sys.modules["jax"].config.update("jax_enable_x64", True)
 
 if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table below
+    from . import examples as examples
     from . import kinds as kinds
     from . import plot as plot
     from .api import fit_recording as fit_recording
     from .api import invert as invert
     from .api import simulate as simulate
     from .errors import BadInput as BadInput
+    from .forward.feature import StripFeature as StripFeature
     from .forward.film import Film as Film
+    from .forward.noise import SignalToNoise as SignalToNoise
     from .forward.scan import ConstantSpeed as ConstantSpeed
     from .forward.scan import Motion as Motion
     from .forward.scenario import Scenario as Scenario
     from .forward.scene import SurfaceScene as SurfaceScene
     from .forward.scene import TractionScene as TractionScene
     from .forward.sensor import Sensor as Sensor
+    from .forward.surface_feature import RidgeFeature as RidgeFeature
+    from .forward.surface_feature import TapeFeature as TapeFeature
+    from .forward.traction import UniformStrip as UniformStrip
     from .grid import Line as Line
     from .grid import Open as Open
     from .grid import Periodic as Periodic
     from .inverse.estimate import Estimate as Estimate
+    from .inverse.estimate import relative_error as relative_error
+    from .inverse.features.estimate import FeatureEstimate as FeatureEstimate
     from .inverse.features.method import FeatureFit as FeatureFit
+    from .inverse.line.problem import LineProblem as LineProblem
+    from .inverse.line.rule import Evidence as Evidence
     from .inverse.nonlinear import Fit as Fit
     from .inverse.nonlinear import fit as fit
     from .inverse.nonlinear import fit_many as fit_many
@@ -59,21 +69,30 @@ _MODULES = {
     "BadInput": "errors",
     "ConstantSpeed": "forward.scan",
     "Estimate": "inverse.estimate",
+    "Evidence": "inverse.line.rule",
+    "FeatureEstimate": "inverse.features.estimate",
     "FeatureFit": "inverse.features.method",
     "Film": "forward.film",
     "Fit": "inverse.nonlinear",
     "Line": "grid",
+    "LineProblem": "inverse.line.problem",
     "Motion": "forward.scan",
     "Open": "grid",
     "Periodic": "grid",
     "Problem": "inverse.problem",
     "Recording": "recording",
+    "RidgeFeature": "forward.surface_feature",
     "Scenario": "forward.scenario",
     "Sensor": "forward.sensor",
+    "SignalToNoise": "forward.noise",
+    "StripFeature": "forward.feature",
     "SurfaceScene": "forward.scene",
+    "TapeFeature": "forward.surface_feature",
     "Tikhonov": "inverse.tikhonov",
     "TractionScene": "forward.scene",
+    "UniformStrip": "forward.traction",
     "Wiener": "inverse.wiener",
+    "examples": "examples",
     "fit": "inverse.nonlinear",
     "fit_many": "inverse.nonlinear",
     "fit_recording": "api",
@@ -81,6 +100,7 @@ _MODULES = {
     "kinds": "kinds",
     "load": "recording",
     "plot": "plot",
+    "relative_error": "inverse.estimate",
     "simulate": "api",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]

@@ -1,4 +1,4 @@
-"""The way in from Python: simulate a scenario, invert a signal, fit features to a recording."""
+"""The functions of `import srsinv`: simulate a scenario, invert a signal, fit features."""
 
 import os
 from collections.abc import Mapping
@@ -28,11 +28,11 @@ from .recording import Recording, load
 
 
 class SimulatedProblem(NamedTuple):
-    """A simulated scenario.
+    """A simulated scenario: the problem that an inversion gets, and the truth behind it.
 
-    - `problem`: of finding the traction from the signal with its noise.
-    - `signal` (element, n): that without noise; `traction` (2, n) [Pa]: the true p and q, cell
-      averages on the problem's line.
+    - `problem`: the signal with its noise, the sensor and the scan: `srsinv.invert` takes it.
+    - `signal` (element, n): the signal without noise, in the amplifier's unit.
+    - `traction` (2, n) [Pa]: the true p and q, cell averages on the problem's line.
     """
 
     problem: LineProblem
@@ -48,11 +48,20 @@ def simulate(
     seed: int = 0,
     friction: float | None = None,
 ) -> SimulatedProblem:
-    """The scenario on a line, its noise drawn by `seed`.
+    """Simulate the signal of a scenario on a line, with a draw of its noise.
 
-    It is computed on cells `refinement` times finer, so that what inverts the signal is not what
-    made it. `friction`: mu where the inversion is to know that q = mu p. Raises `BadInput` for a
-    scenario without a scene, and for what is no scenario or line.
+    - `scenario`: a [`Scenario`][srsinv.Scenario] with its scene: a `TractionScene` (pressures and
+      frictions along x) or a `SurfaceScene` (shapes that the skin is pressed on).
+    - `line`: the cells that the problem has, one sample each: `Periodic(n, cell_m, start_m)`, which
+      repeats with its window, or `Open(n, cell_m, start_m)` with nothing beyond it.
+    - `refinement`: the signal is computed on cells so many times finer, a whole number from 1. With
+      1 the same discretisation makes and inverts the signal, and errors come out too small.
+    - `seed`: of the noise, a whole number from 0; the same seed gives the same noise.
+    - `friction`: mu, where the inversion is to know that q = mu p; one element needs it. None: p
+      and q are solved for separately.
+
+    Returns `problem`, `signal` and `traction` (see [`SimulatedProblem`][]). Raises `BadInput` for a
+    scenario without a scene, for what is no scenario or no line, and for a refinement below 1.
     """
     of_kind("scenario", scenario, Scenario, "a Scenario")
     of_kind("line", line, Line, "a line, such as Periodic(256, 1.5e-4)")
@@ -73,13 +82,22 @@ Invertible = Problem | LineProblem | Recording | str | os.PathLike[str]
 def invert(
     given: Invertible, method: Method | None = None, sensor: Sensor | None = None
 ) -> Estimate:
-    """p and q from a signal.
+    """Invert a signal: pressure p and shear q along x [Pa] with their standard errors.
 
-    - `given`: a problem, a recording, or the path of a file with its sidecar (see `load`).
-    - `method`: None is Wiener's filter with the levels of traction that the data make likely.
-    - `sensor`: of a recording; None takes the sidecar's.
+    - `given`: what is inverted, one of
+        - the path of a recording, with its sidecar beside it: `"scan.csv"`,
+          `srsinv.examples.path("strip_two_element")` (see [`load`][srsinv.load] for formats);
+        - a [`Recording`][srsinv.Recording], as `srsinv.load` gives it;
+        - a [`Problem`][srsinv.Problem] of arrays, or the `problem` that `srsinv.simulate` gives.
+    - `method`: `srsinv.Wiener(...)`, `srsinv.Tikhonov(...)`, or one of your own that derives from
+      `srsinv.kinds.Method`. None: Wiener's filter, whose levels of p and q are those under which
+      the data are most likely.
+    - `sensor`: the [`Sensor`][srsinv.Sensor] that made a recording. None: the one that the sidecar
+      describes. A problem has its own.
 
-    Raises `BadInput` for a file that cannot be read, and facts that are missing.
+    Returns an [`Estimate`][srsinv.Estimate]: `print` gives its report, `plot` its figure. Raises
+    `BadInput` for a file that cannot be read, for facts that are missing (depth, speed, ...), for
+    numbers of films and signals that differ, and for arguments of another kind.
     """
     method = Wiener(scale="evidence") if method is None else method
     wanted = "a method, such as srsinv.Tikhonov()"
@@ -91,13 +109,21 @@ def fit_recording(
     features: Mapping[str, Feature | SurfaceFeature],
     sensor: Sensor | None = None,
 ) -> FeatureEstimate:
-    """Features fitted to a recording, all together as a sum.
+    """Fit features to a recording: position, width, load or height, and friction.
 
-    - `given`, `sensor`: as [`invert`][] takes them.
-    - `features`: by name; all of them of traction, or all of a surface.
+    - `given`: a path, a recording or a problem, as [`invert`][srsinv.invert] takes them.
+    - `features`: by names of your own, as `{"strip": srsinv.StripFeature()}`; several are fitted
+      together as a sum. All are of traction (`StripFeature` and others of
+      `srsinv.forward.feature`), or all of a surface (`RidgeFeature(edge_length_m)`, `TapeFeature`
+      and others of `srsinv.forward.surface_feature`), which act through the skin's contact. No
+      start is needed: every feature is searched for over the scan.
+    - `sensor`: the [`Sensor`][srsinv.Sensor] that made a recording. None: the one that the sidecar
+      describes. A problem has its own.
 
-    Raises `BadInput` as `invert` does, for features of both kinds and for none, and for a surface
-    whose nominal pressure or edges are not known.
+    Returns a [`FeatureEstimate`][srsinv.FeatureEstimate]: `print` gives its report, `parameters`
+    values and standard errors in SI units by name. Raises `BadInput` as `invert` does, for features
+    of both kinds and for none, and for a surface whose nominal pressure (sidecar,
+    `nominal_pressure_Pa`) or edge length is not known.
     """
     return FeatureFit(features)(_problem(given, sensor))
 

@@ -187,12 +187,12 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except FileExistsError as error:
         raise BadInput(
-            f"{path}: there is another file of this name: choose another name, or move it away."
+            f"{path}: another file has this name: choose another name, or move that file away."
         ) from error
     except OSError as error:
         raise BadInput(
-            f"{path}: the file cannot be written ({error.strerror or 'write error'}): give a path "
-            "in a folder that is there, can be written to and has room."
+            f"{path}: the file cannot be written ({error.strerror or 'write error'}): "
+            "give a path in an existing, writable folder with free space."
         ) from error
 
 

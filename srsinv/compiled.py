@@ -48,7 +48,7 @@ _DIGEST = hashlib.sha256().digest_size
 
 
 class _Unnamed(Exception):
-    """An argument that cannot be told from others by what it is made of."""
+    """An argument whose parts do not distinguish it from others."""
 
 
 class _Array(int):
@@ -97,7 +97,7 @@ class _Store:
         # Absent, damaged, or refused by XLA: it is made again in its place.
         with suppress(OSError, ValueError, RuntimeError, zlib.error, pickle.UnpicklingError):
             return _program(*_read(path))
-        with stage(f"compiling {function.__qualname__}, once"):
+        with stage(f"compiling {_in_words(function)} (once, later runs reuse it)"):
             made = _made(function, leaves, tree)
         if made is None:
             return None
@@ -106,6 +106,19 @@ class _Store:
 
 
 _open: list[_Store] = []
+_COMPUTED = {  # in words, by the module; the first that fits
+    "srsinv.inverse.nonlinear.": "the nonlinear fit",
+    "srsinv.inverse.features.": "the model of the features",
+    "srsinv.inverse.solved_contact.": "the contact of skin and surface",
+    "srsinv.inverse.rig.": "the model of the rig",
+    "srsinv.inverse.kernel.": "the measured kernel",
+    "srsinv.inverse.": "the inversion",
+    "srsinv.effects.": "the effects",
+    "srsinv.forward.": "the sensor model",
+    "srsinv.jobs.": "the simulation",
+    "srsinv.grid.": "the sensor model",
+    "srsinv.known.": "the sensor model",
+}
 
 
 @contextmanager
@@ -138,6 +151,12 @@ def compiled(function: Function) -> Function:
         return program(*(leaf for leaf in leaves if eqx.is_array(leaf)))
 
     return cast(Function, call)
+
+
+def _in_words(function: Callable[..., Any]) -> str:
+    """What a function computes, by the room that it stands in."""
+    name = f"{function.__module__}."
+    return next((words for room, words in _COMPUTED.items() if name.startswith(room)), "a function")
 
 
 def _version() -> str:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from . import parts
 from .errors import choice, echo, mapping, number, refuse, whole
-from .targets import make
+from .targets import TARGET, make
 
 if TYPE_CHECKING:  # most import jax
     import jax
@@ -37,6 +37,7 @@ if TYPE_CHECKING:  # most import jax
 
 Config = Mapping[str, Any]
 PRECISIONS = ("float64", "float32")
+NAMED = ("effects", "feature", "method", "noise", "section")  # groups of options by name
 FIGURES = ("page", "all", "none")  # of those of a page, the ones that are drawn
 
 
@@ -55,8 +56,9 @@ def check_early(cfg: Config) -> None:
     if isinstance(settings, Mapping) and settings.get("path") is not None:
         refuse(
             set(settings) == {"path"},  # as recording=none has it
-            "recording.path names a file, and this job reads none: give one that does, such as "
-            "experiment=inspect_recording, invert_recording or fit_recording.",
+            "recording.path is given, but this job reads no recording: give a job that "
+            "does, such as experiment=inspect_recording, invert_recording or "
+            "fit_recording.",
         )
         from .recording import check_settings
 
@@ -64,9 +66,16 @@ def check_early(cfg: Config) -> None:
 
 
 def part(cfg: Config, name: str) -> Mapping[str, Any]:
-    """The mapping `cfg[name]`; null means an empty one."""
+    """The mapping `cfg[name]`; null means an empty one. Raises `BadInput` for anything else, and
+    for a group of named options of which one has no name."""
     node = cfg.get(name)
-    return {} if node is None else mapping(name, node)
+    node = {} if node is None else mapping(name, node)
+    refuse(
+        name in NAMED and TARGET in node,
+        f"An option of {name} has no name: begin its file {name}/NAME.yaml with the line "
+        f"'# @package {name}.NAME'.",
+    )
+    return node
 
 
 def select_effects(cfg: Config, names: Collection[str]) -> Config:
@@ -92,7 +101,7 @@ def seed(cfg: Config) -> int:
 
 def tolerance(cfg: Config) -> float:
     """The relative change of the signal that `effects=auto` may leave out."""
-    wanted = "a number above 0 and below 1, as a part of the signal's rms"
+    wanted = "a fraction of the signal's rms, above 0 and below 1"
     return number("tolerance", cfg["tolerance"], wanted, above=0, below=1)
 
 
@@ -127,7 +136,7 @@ def line(cfg: Config, refinement: Any = 1) -> Line:
 def friction(cfg: Config) -> float | None:
     """mu in q = mu p; None leaves p and q apart."""
     given = cfg["friction"]
-    wanted = "a number, of either sign, or null to keep p and q apart"
+    wanted = "a number, of either sign, or null for q independent of p"
     return None if given is None else float(number("friction", given, wanted))
 
 
@@ -152,13 +161,20 @@ def screened(cfg: Config) -> tuple[Simulation, ScreeningResult | None]:
 def _simulation(cfg: Config, scenario: Scenario) -> Simulation:
     from .forward.simulation import Simulation
 
-    refuse(
-        float(scenario.sensor.amplifier.at_speed(scenario.scan.speed_m_per_s)) == 0.0,
-        f"scan.speed_m_per_s is {cfg['scan']['speed_m_per_s']}, and the sensor does not move "
-        "across what it feels: a static touch gives no rate signal, give a speed, or a gain.",
-    )
+    _check_signal(scenario, cfg["scan"]["speed_m_per_s"])
     times: Any = part(cfg, "grid").get("refinement")
     return Simulation(scenario, line(cfg), line(cfg, times), int(times))
+
+
+def _check_signal(scenario: Scenario, speed_m_per_s: Any) -> None:
+    """Refuse a sensor whose signal is zero whatever the traction."""
+    along = scenario.scan.speed_m_per_s
+    rests = "a static touch gives no rate signal, set it to a value other than 0"
+    turned = "the sensor slides along the features, give a smaller oblique_features.angle_deg"
+    refuse(
+        float(scenario.sensor.amplifier.at_speed(along)) == 0.0,
+        f"scan.speed_m_per_s is {speed_m_per_s}: {turned if speed_m_per_s else rests}.",
+    )
 
 
 def scenario(cfg: Config) -> Scenario:
@@ -227,8 +243,8 @@ def sensor_effects(cfg: Config) -> dict[str, Effect]:
 def _sensor_effect_nodes(cfg: Config) -> Mapping[str, Any]:
     refuse(
         "tolerance" in cfg,
-        "effects=auto decides by a simulated scene, which this job does not take: name the effects "
-        "of the sensor, as effects=[strip_width,layered_skin].",
+        "effects=auto needs a simulated scene, which this job does not have: name "
+        "the sensor's effects, as effects=[strip_width,layered_skin].",
     )
     return part(cfg, "effects")
 
@@ -239,8 +255,8 @@ def at_rest(cfg: Config) -> Scenario:
 
     refuse(
         "tolerance" in cfg,
-        "effects=auto decides by a scene that is slid over, and the sensor of this job rests: name "
-        "the effects, as effects=[strip_width,layered_skin].",
+        "effects=auto needs a sliding sensor, but this job's sensor is at rest: name "
+        "its effects, as effects=[strip_width,layered_skin].",
     )
     named = parts.effects_at_rest(part(cfg, "effects"))
     return add_effects(ideal(cfg).replace(noises=noises(cfg)), named)
@@ -315,13 +331,30 @@ def solver(cfg: Config) -> Solver:
 
 
 def methods(cfg: Config) -> dict[str, Method]:
-    """The methods by their names on the page."""
+    """The methods by their labels on pages; in lower case, with underscores, they end the names of
+    metrics. Raises `BadInput` for two of one label."""
     named = part(cfg, "method")
     refuse(not named, "No method is named: give method=[wiener,tikhonov] or one of them.")
-    return {
-        name.replace("_", " ").capitalize(): make(node, f"method.{name}", "method")
-        for name, node in named.items()
-    }
+    made: dict[str, Method] = {}
+    for name, node in named.items():
+        method = make(node, f"method.{name}", "method")
+        label = _method_label(name, type(method))
+        refuse(
+            label.lower() in map(str.lower, made),
+            f"Two methods have the label {label!r}: name the file of one, and its line "
+            f"'# @package method.{name}', otherwise.",
+        )
+        made[label] = method
+    return made
+
+
+def _method_label(name: str, kind: type) -> str:
+    """The words of a method's name; where they begin with its class's, that is written as the class
+    is: `tv_strong` of a class TV is "TV strong"."""
+    words, own = name.replace("_", " "), kind.__name__
+    if f"{words} ".lower().startswith(f"{own} ".lower()):
+        return own + words[len(own) :]
+    return words[:1].upper() + words[1:]
 
 
 def sections(cfg: Config) -> tuple[Section, ...]:

@@ -12,8 +12,11 @@ _SHOWN = 80  # characters of a wrong value
 
 
 class BadInput(ValueError):
-    """An input that cannot be used; its text is one sentence naming the value, the bound and the
-    remedy, as [`printable`][] text. The command line prints that sentence and exits with code 2."""
+    """An input that cannot be used.
+
+    Its text is a sentence that names the value, what is allowed and what to type instead, in
+    [`printable`][] characters. The command prints it and exits with code 2.
+    """
 
     def __init__(self, sentence: str = ""):
         super().__init__(printable(sentence))
@@ -98,7 +101,7 @@ def number_range(name: str, ends: Any, wanted: str, **bounds: float) -> tuple[fl
     listed = isinstance(ends, list | tuple) and len(ends) == 2
     refuse(not listed, f"{name} is {echo(ends)}: give [least, greatest], {wanted}.")
     low, high = (float(number(f"{name}[{i}]", v, wanted, **bounds)) for i, v in enumerate(ends))
-    refuse(high <= low, f"{name} is {echo(ends)}: give [least, greatest], that increase.")
+    refuse(high <= low, f"{name} is {echo(ends)}: give [least, greatest] in increasing order.")
     return low, high
 
 
@@ -114,7 +117,7 @@ def check_name(key: str, name: Any, options: Collection[str]) -> None:
     [`nearest`][] one."""
     refuse(
         name not in options,
-        f"{key} names {echo(name)}: {nearest(name, options)}it can name {', '.join(options)}.",
+        f"{key} names {echo(name)}: {nearest(name, options)}choose from {', '.join(options)}.",
     )
 
 

@@ -152,8 +152,8 @@ def read_bytes(
         content = file.read()
         refuse(
             len(content) != file.size or not file.is_at_end(),
-            f"{quoted(path.name)}: the {what} does not hold as many bytes as it states: copy it "
-            "to a file of its own.",
+            f"{quoted(path.name)}: the {what} has fewer bytes than the system reports: "
+            "copy it to a regular file.",
         )
         return content
 
@@ -170,8 +170,8 @@ def read_json(path: Path, *, what: str, most: int, key: str, below: Path | None 
         elif isinstance(error, RecursionError):
             reason = "nested too deeply"
         raise BadInput(
-            f"{_path_text(path)}: the {what} is no JSON as srsinv writes it ({reason}): run "
-            "again the command that wrote it."
+            f"{_path_text(path)}: the {what} is not JSON as srsinv writes it ({reason}): "
+            "repeat the command that wrote it."
         ) from error
 
 
@@ -205,8 +205,8 @@ def within_memory(path: Path) -> Iterator[None]:
         limits = " and ".join(f"{name} is {most // 1024}" for name, most in memory_limits().items())
         more = f", or allow more ({limits})" if limits else ""
         raise BadInput(
-            f"{quoted(path.name)}: {size} bytes of file ask for more memory than there is: write "
-            f"it again, or in shorter parts{more}."
+            f"{quoted(path.name)}: reading its {size} bytes needs more memory than there "
+            f"is: write it again in shorter parts{more}."
         ) from error
 
 
@@ -239,10 +239,11 @@ def _opened(path: Path, what: str, key: str, below: Path | None) -> int:
         raise BadInput(_no_such_file(path, what, key)) from error
     except PermissionError as error:
         raise BadInput(
-            f"{_path_text(path)}: the {what} may not be read: change its permissions."
+            f"{_path_text(path)}: the {what} cannot be read without permission: change "
+            "its permissions."
         ) from error
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "no path of this system"
+        reason = getattr(error, "strerror", None) or "not a valid path"
         raise BadInput(
             f"{_path_text(path)}: the {what} cannot be opened ({reason.lower()}): check {key}=..."
         ) from error

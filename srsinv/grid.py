@@ -182,7 +182,9 @@ class Stage(eqx.Module):
 
 
 class Line(eqx.Module):
-    """n cells of width `cell_m` [m] centred on x[j] = start_m + j cell_m.
+    """Base of lines: n cells along x, centred on x[j] = start_m + j cell_m.
+
+    - `n`: number of cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
 
     Raises `BadInput` for fewer than three cells or a cell width that is not positive.
     """
@@ -223,7 +225,7 @@ def _checked(n: int, cell_m, start_m) -> tuple[int, Array, Array]:
 
 
 class Periodic(Line):
-    """The line that repeats with its window n cell_m.
+    """A periodic line, which repeats with its window n cell_m.
 
     `n` cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
 
@@ -254,7 +256,7 @@ class Periodic(Line):
 
 
 class Open(Line):
-    """The line with nothing beyond its window: traction is zero there, and nothing wraps around.
+    """An open line: traction is zero beyond its window, and nothing wraps around.
 
     `n` cells; `cell_m` [m]: width of each; `start_m` [m]: centre of the first.
 

@@ -1,7 +1,7 @@
 """The bases of all kinds of parts that a configuration may name, in one public module.
 
 Derive from one, in the package or in a file of your own, and name the class by `_target_` in a YAML
-file of the kind's group: docs/extend.md has an example of each.
+file of the kind's group: docs/how_to/write_other_parts.md has an example of each.
 """
 
 from typing import TYPE_CHECKING

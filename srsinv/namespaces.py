@@ -88,8 +88,8 @@ def fault_in_plugin(error: BaseException) -> BadInput | None:
     name = reached.tb_frame.f_globals["__name__"].replace(".", "/")
     said = f": {error}" if str(error) else ""
     return BadInput(
-        f"{name}.py ends in {type(error).__name__} at line {reached.tb_lineno}{said}. Mend it, or "
-        "leave out what names it."
+        f"{name}.py raises {type(error).__name__} at line {reached.tb_lineno}{said}. "
+        "Correct it, or leave out the option that names it."
     )
 
 
@@ -156,8 +156,8 @@ def _imported(path: str) -> ModuleType:
         return importlib.import_module(path)
     except (Exception, SystemExit) as error:  # a user's own code may raise anything
         raise BadInput(
-            f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. Mend it, "
-            "or leave out what names it."
+            f"{path.replace('.', '/')}.py cannot be run: {type(error).__name__}: {error}. "
+            "Correct it, or leave out the option that names it."
         ) from error
 
 
@@ -175,7 +175,7 @@ def load_job(name: Any, root: Path) -> FunctionType:
     job = definition(name) if is_job else None
     if not isinstance(job, FunctionType):
         raise BadInput(
-            f"job is {echo(name)}, which is no function run of a module in srsinv.jobs or in the "
-            "experiments: leave it as the experiment has it."
+            f"job is {echo(name)}, which is not the function run of a module in "
+            "srsinv.jobs or experiments: leave job out."
         )
     return job

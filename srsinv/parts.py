@@ -51,7 +51,7 @@ def line(grid: Node, refinement: Any) -> Line:
     from .grid import LINES
 
     kind = LINES[choice("grid.line", grid.get("line"), LINES)]
-    wanted = f"a whole number from 3 (fewer samples are too few) to {MOST_CELLS}"
+    wanted = f"a whole number from 3 to {MOST_CELLS}"
     cells = whole("grid.cells", grid.get("cells"), wanted, least=3, most=MOST_CELLS)
     length = number("grid.length_m", grid.get("length_m"), "a positive length in metres", above=0)
     start = number("grid.start_m", grid.get("start_m"), "a position in metres")
@@ -134,12 +134,12 @@ def effects(named: Node) -> dict[str, Effect]:
         is_named = TARGET in mapping(f"effects.{name}", named[name])
         refuse(
             name not in NAMES and not is_named,
-            f"There is no effect {name!r}: effects holds any of {', '.join(NAMES)}.",
+            f"There is no effect {name!r}: choose from {', '.join(NAMES)}.",
         )
         refuse(
             not is_named,
-            f"effects.{name} has settings, and {name} is not among the effects: name it in "
-            "effects=[...] too, or leave its settings out.",
+            f"effects.{name} has settings, but {name} is not among the effects: add it to "
+            "effects=[...], or leave its settings out.",
         )
     precision = str(jnp.result_type(float))
     made = {name: _effect(name, node, precision) for name, node in named.items()}
@@ -151,7 +151,7 @@ def _effect(name: str, node: Node, precision: str) -> Effect:
     is made once of the same settings: `effects=auto` asks for all of them with every scene."""
     try:
         settings = json.dumps(node)
-    except (TypeError, ValueError):  # objects, which only a program of one's own gives
+    except (TypeError, ValueError):  # objects, which only a program that a user writes gives
         settings = ""
     of_package = settings.count(f'"{TARGET}": "srsinv.')
     if of_package == 0 or of_package < settings.count(f'"{TARGET}"'):
@@ -174,8 +174,8 @@ def effects_of_sensor(named: Node) -> dict[str, Effect]:
     for name, effect in made.items():
         refuse(
             not effect.of_sensor,
-            f"effects names {name}, which acts on a simulated scene and its recording; this job "
-            "takes effects of the sensor alone: leave it out.",
+            f"effects names {name}, which acts on simulated scenes, but this job takes "
+            "effects of the sensor only: leave it out.",
         )
     return made
 
@@ -188,8 +188,8 @@ def effects_at_rest(named: Node) -> dict[str, Effect]:
     for name, effect in made.items():
         refuse(
             effect.order in (Order.DIRECTION, Order.MOTION, Order.LOAD),
-            f"effects names {name}, which acts on sliding, and the sensor of this job rests: leave "
-            "it out.",
+            f"effects names {name}, which acts on sliding, but this job's sensor is at "
+            "rest: leave it out.",
         )
     return made
 
@@ -205,8 +205,8 @@ def coloured_noises(named: Node) -> dict[str, Noise]:
     for noise in coloured.values():
         refuse(
             noise.needs_noise_free_signal,
-            "noise=snr has no meaning for a recording: use noise=white (noise.white.rms, or null "
-            "to take it from the recording).",
+            "noise=snr needs a simulated signal, not a recording: give noise=[white], "
+            "whose rms=null is estimated from the recording.",
         )
     return coloured
 
@@ -220,10 +220,9 @@ def stated_white_rms(named: Node, recording: Recording) -> list[float] | None:
         return None
     refuse(
         bool(recording.sidecar.get("quiet_s")),
-        "noise.white.rms states the noise, and recording.quiet_s where to measure it: give one of "
-        "them.",
+        "noise.white.rms and recording.quiet_s are both given: leave one of them out.",
     )
-    wanted = "a positive number in the signal's unit, or null to take it from the recording"
+    wanted = "a positive number in the signal's unit, or null to estimate it from the recording"
     each = given if isinstance(given, list) else [given]
     return [number("noise.white.rms", one, wanted, above=0) for one in each]
 
@@ -238,7 +237,7 @@ def surface_features(named: Node) -> dict[str, SurfaceFeature]:
         return {}
     refuse(
         len(on_surface) < len(named),
-        f"feature names {', '.join(named)}: features of a surface ({', '.join(on_surface)}) act "
-        "through contact and those of traction do not, so that no sum holds both: name one kind.",
+        f"feature names {', '.join(named)}, of which only {', '.join(on_surface)} is "
+        "of a surface: name features of a surface or of traction, not both.",
     )
     return {name: make(node, f"feature.{name}", "surface_feature") for name, node in named.items()}

@@ -178,8 +178,8 @@ def _with_drift(recording: Recording, noise: SampleNoise) -> SampleNoise:
     most, largest = float(np.max(drift)), float(np.nanmax(np.abs(recording.signal)))
     refuse(
         most > MOST_DRIFT * largest,
-        f"{recording.name}: recording.drift is {most:.4g} in a second, and no sample is above "
-        f"{largest:.4g}: give it in the signal's unit, after the gain.",
+        f"{recording.name}: recording.drift is {most:.4g} after 1 s, but no sample "
+        f"exceeds {largest:.4g}: give it in the signal's unit, after the gain.",
     )
     return SampleNoise(
         noise.white,
@@ -212,9 +212,9 @@ def _check_unit(recording: Recording, sensor: Sensor) -> None:
     unit = sensor.amplifier.unit
     refuse(
         unit not in VOLTS and unit != recording.signal_unit,
-        f"{recording.name}: the signal is in {recording.signal_unit}, and the amplifier "
-        f"({type(sensor.amplifier).__name__}) gives {unit}: take one of the signal's unit, or give "
-        "recording.gain.",
+        f"{recording.name}: the signal is in {recording.signal_unit}, but the "
+        f"amplifier ({type(sensor.amplifier).__name__}) gives {unit}: choose an "
+        "amplifier with the signal's unit, or give recording.gain.",
     )
 
 
@@ -271,15 +271,15 @@ def sensor_of(recording: Recording, stated: Mapping[str, Any] = STATED) -> Senso
     model = skin.get("model", "half_space")
     refuse(
         model != "half_space",
-        f"The sidecar's skin.model is {model!r}: only half_space is known here.",
+        f"The sidecar's skin.model is {model!r}: give half_space, or leave it out.",
     )
     known = SKIN | {key: skin[key] for key in SKIN.keys() & skin.keys()}
     nodes = parts.with_facts(stated, recording.sidecar.get("sensor") or {}, known)
     _check_elements(recording, elements(nodes["sensor"]))
     refuse(
         stated is STATED and nodes["amplifier"]["feedback_resistance_ohm"] is None,
-        f"{recording.name}: no feedback resistance is known: give sensor.feedback_resistance_ohm "
-        "in the sidecar, or a sensor.",
+        f"{recording.name}: the feedback resistance is not known: give "
+        "sensor.feedback_resistance_ohm in the sidecar, or a sensor.",
     )
     ideal = parts.sensor(nodes["sensor"], nodes["skin"], nodes["amplifier"])
     mean_speed = ConstantSpeed(float(np.mean(recording.speed_m_per_s)))
@@ -291,8 +291,8 @@ def _check_elements(recording: Recording, films: tuple[Film, ...]) -> None:
     """Refuse a sensor that has not one element for each signal."""
     refuse(
         len(films) != len(recording.channels),
-        f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} film "
-        "elements: name as many in recording.channels as the sensor has elements.",
+        f"{recording.name}: {len(recording.channels)} signal columns but {len(films)} "
+        "film elements: give one column for each element in recording.channels.",
     )
 
 
@@ -322,8 +322,8 @@ def noise_of(
     levels = white_levels(*given)
     refuse(
         not bool((levels > 0).all()),
-        f"{recording.name}: no noise can be told from the signal (it is constant, or rounded): "
-        "give noise.white.rms=... in the signal's unit.",
+        f"{recording.name}: the signal is constant or rounded, so its noise cannot be "
+        "estimated: give noise.white.rms=... in the signal's unit.",
     )
     stderr = float(np.hypot(LEVEL_STDERR, level_stderr(*given)))
     return SampleNoise(levels, causes, is_estimate=True, level_stderr=stderr)

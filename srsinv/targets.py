@@ -95,23 +95,23 @@ def class_of(node: Any, name: str, kind: str) -> type:
     made = definition(target)
     refuse(
         not inspect.isclass(made),
-        f"{name}.{TARGET} is {echo(target)}, which is no class of srsinv, of the experiments or "
-        f"of {_PLUGINS}: name one as {_public(target) or 'package.module.Class'}, where it is "
-        "defined.",
+        f"{name}.{TARGET} is {echo(target)}, which is not a class of srsinv, "
+        f"experiments or {_PLUGINS}: give {_public(target) or 'package.module.Class'}.",
     )
     assert isinstance(made, type)
     bases = tuple(map(base_of, KINDS[kind]))
     refuse(
         not issubclass(made, bases),
-        f"{name}.{TARGET} is {echo(target)}, which cannot stand there: name a class that derives "
-        f"from {' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
+        f"{name}.{TARGET} is {echo(target)}, which cannot be used here: give a "
+        "subclass of "
+        f"{' or '.join(f'srsinv.kinds.{base.__name__}' for base in bases)}.",
     )
     kinds = ("__abstractmethods__", "__abstractvars__", "__abstractclassvars__")
     undefined = ", ".join(sorted(name for kind in kinds for name in getattr(made, kind, ())))
     refuse(
         bool(undefined),
-        f"{name}.{TARGET} is {echo(target)}, which leaves {undefined} undefined: name a class "
-        "that derives from it and defines that.",
+        f"{name}.{TARGET} is {echo(target)}, which does not define {undefined}: give "
+        "a subclass that does.",
     )
     return made
 
@@ -152,7 +152,9 @@ def _parameters(made: type) -> Mapping[str, inspect.Parameter]:
 
 def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> None:
     """Refuse nodes where no part is expected, and keys that begin with an underscore."""
-    refuse(depth > _DEEPEST, f"{name} lies more than {_DEEPEST} levels deep: give it flatter.")
+    refuse(
+        depth > _DEEPEST, f"{name} is nested more than {_DEEPEST} levels deep: use fewer levels."
+    )
     if isinstance(value, list | tuple):
         for index, each in enumerate(value):
             _check_inside(each, f"{name}[{index}]", kind, depth + 1)
@@ -162,7 +164,7 @@ def _check_inside(value: Any, name: str, kind: str | None, depth: int = 1) -> No
         for key, each in value.items():
             refuse(
                 _is_private(key),
-                f"{name} has the key {echo(key)}, and no part is made there: leave it out.",
+                f"{name} has the key {echo(key)}, which is not allowed there: leave it out.",
             )
             _check_inside(each, f"{name}.{key}", kind, depth + 1)
 
@@ -190,7 +192,7 @@ def _called(made: type, parts: Mapping[str, Any]) -> Any:
         if isinstance(error, BadInput) or not made.__module__.startswith("plugins."):
             raise
         raise BadInput(
-            f"{made.__module__}.{made.__qualname__} cannot be made of these settings: "
+            f"{made.__module__}.{made.__qualname__} fails with these settings: "
             f"{type(error).__name__}: {error}. Correct them or the class."
         ) from error
 

@@ -11,21 +11,17 @@ import numpy as np
 import pytest
 
 import srsinv
-from srsinv.forward.feature import StripFeature
-from srsinv.forward.noise import SignalToNoise
-from srsinv.forward.surface_feature import RidgeFeature
-from srsinv.forward.traction import UniformStrip
 
-EXAMPLE = Path(srsinv.__file__).parent / "examples" / "strip_two_element.csv"
+EXAMPLE = srsinv.examples.path("strip_two_element")
 LINE = srsinv.Periodic(128, cell_m=1.5e-4, start_m=-9.6e-3)
 
 
 @cache
 def simulated(refinement=4, seed=0):
     scene = srsinv.TractionScene(
-        background_pressure_Pa=1e4, base_friction=0.4, pressures=[UniformStrip(4e3, 3e-3)]
+        background_pressure_Pa=1e4, base_friction=0.4, pressures=[srsinv.UniformStrip(4e3, 3e-3)]
     )
-    scan, noises = srsinv.ConstantSpeed(0.05), (SignalToNoise(40.0),)
+    scan, noises = srsinv.ConstantSpeed(0.05), (srsinv.SignalToNoise(40.0),)
     scenario = srsinv.Scenario(scene, srsinv.Sensor(), scan, noises)
     return srsinv.simulate(scenario, LINE, refinement=refinement, seed=seed)
 
@@ -57,7 +53,7 @@ def test_a_simulated_signal_is_inverted():
 def test_a_file_is_inverted_and_fitted():
     """The bundled strip of 4 kPa, from its path and from the recording."""
     estimate = srsinv.invert(EXAMPLE)
-    fitted = srsinv.fit_recording(srsinv.load(EXAMPLE), {"strip": StripFeature()})
+    fitted = srsinv.fit_recording(srsinv.load(EXAMPLE), {"strip": srsinv.StripFeature()})
     assert {estimate.quality, fitted.quality} == {"good"}
     peak = float(estimate.line.x[int(np.argmax(estimate.value[0]))])
     position, width = (fitted.parameters[key][0] for key in ("position_m", "width_m"))
@@ -72,8 +68,8 @@ REFUSED = {
     "no scene": lambda: srsinv.simulate(srsinv.Scenario(None, srsinv.Sensor(), SCAN), LINE),
     "refinement is 0": lambda: simulated(refinement=0),
     "give one or more by name": lambda: srsinv.fit_recording(EXAMPLE, {}),
-    "all of them of traction": lambda: srsinv.fit_recording(
-        EXAMPLE, {"strip": StripFeature(), "ridge": RidgeFeature(1e-5)}
+    "all of traction": lambda: srsinv.fit_recording(
+        EXAMPLE, {"strip": srsinv.StripFeature(), "ridge": srsinv.RidgeFeature(1e-5)}
     ),
     "leave `sensor` out": lambda: srsinv.invert(simulated().problem, sensor=srsinv.Sensor()),
     "2 signal columns but 1 film": lambda: srsinv.invert(

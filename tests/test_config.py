@@ -36,9 +36,13 @@ def test_a_node_and_the_nodes_inside_are_made():
 
 # (kind, a node from the canary's path, words of the refusal)
 HOSTILE = {
-    "no class": ("skin", lambda p: called(p), "no class of srsinv"),
-    "a module's": ("skin", lambda p: called(p, "os.system"), "no class of srsinv"),
-    "a part's argument": ("skin", lambda p: SKIN | {"poisson_ratio": called(p)}, "no part is made"),
+    "not a class": ("skin", lambda p: called(p), "not a class of srsinv"),
+    "a module's": ("skin", lambda p: called(p, "os.system"), "not a class of srsinv"),
+    "a part's argument": (
+        "skin",
+        lambda p: SKIN | {"poisson_ratio": called(p)},
+        "not allowed there",
+    ),
     "inside a part": ("method", lambda p: WIENER | {"p": called(p)}, "method.p._target_ is 'built"),
     "inside a part's part": (
         "method",
@@ -65,23 +69,31 @@ HOSTILE = {
         lambda p: {"_target_": "srsinv.forward.feature.LineFeature", "_partial_": True},
         "no key '_partial_'",
     ),
-    "an imported name": ("skin", lambda p: called(p, "srsinv.recording._sidecar.Path"), "no class"),
-    "a module's attribute": ("skin", lambda p: called(p, "srsinv.progress.sys.exit"), "no class"),
-    "a function": ("skin", lambda p: called(p, "srsinv.errors.refuse"), "no class"),
-    "a method": ("skin", lambda p: called(p, "srsinv.grid.Line.operator"), "no class"),
+    "an imported name": (
+        "skin",
+        lambda p: called(p, "srsinv.recording._sidecar.Path"),
+        "not a class",
+    ),
+    "a module's attribute": (
+        "skin",
+        lambda p: called(p, "srsinv.progress.sys.exit"),
+        "not a class",
+    ),
+    "a function": ("skin", lambda p: called(p, "srsinv.errors.refuse"), "not a class"),
+    "a method": ("skin", lambda p: called(p, "srsinv.grid.Line.operator"), "not a class"),
     "another kind": (
         "skin",
         lambda p: called(p, "srsinv.grid.Periodic"),
-        "derives from srs",
+        "subclass of srs",
     ),
     "another module's name for it": (
         "skin",
         lambda p: called(p, "srsinv.forward.sensor.HalfSpace"),
-        "no class",
+        "not a class",
     ),
-    "a relative name": ("skin", lambda p: called(p, ".skin.HalfSpace"), "no class"),
-    "an empty part": ("skin", lambda p: called(p, "srsinv..forward.skin.HalfSpace"), "no class"),
-    "not text": ("skin", lambda p: {"_target_": ["srsinv"]}, "no class"),
+    "a relative name": ("skin", lambda p: called(p, ".skin.HalfSpace"), "not a class"),
+    "an empty part": ("skin", lambda p: called(p, "srsinv..forward.skin.HalfSpace"), "not a class"),
+    "not text": ("skin", lambda p: {"_target_": ["srsinv"]}, "not a class"),
     "not there": ("skin", lambda p: {}, "skin._target_ is null"),
     "no mapping": ("skin", lambda p: "srsinv.forward.skin.HalfSpace", "a mapping of its keys"),
     "a tower": ("scene", lambda p: SCENE | {"pressures": tower(2000)}, "more than 20 levels"),
@@ -110,7 +122,7 @@ def test_nothing_is_imported_to_look_at_a_name(tmp_path, monkeypatch, name):
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.chdir(tmp_path)
     before = set(sys.modules)
-    with pytest.raises(BadInput, match="no class of srsinv"):
+    with pytest.raises(BadInput, match="not a class of srsinv"):
         make({"_target_": name}, "skin", "skin")
     assert {name.partition(".")[0]} & (set(sys.modules) - before) == set()
 
@@ -137,7 +149,7 @@ def test_every_configured_part_is_of_its_kind(group):
 
 def test_every_kind_has_a_base():
     for kind in KINDS:
-        with pytest.raises(BadInput, match="is null, which is no class"):
+        with pytest.raises(BadInput, match="is null, which is not a class"):
             check({}, "part", kind)
 
 
@@ -171,7 +183,7 @@ def test_a_job_is_a_function_of_the_jobs_or_the_experiments(tmp_path, name):
         job = load_job(name, tmp_path / "configs")
         assert f"{job.__module__}.{job.__qualname__}" == name
     else:
-        with pytest.raises(BadInput, match="which is no function run of"):
+        with pytest.raises(BadInput, match="which is not the function run of"):
             load_job(name, tmp_path / "configs")
 
 

@@ -32,6 +32,7 @@ def test_its_names_are_all_that_is_shown():
     assert dir(srsinv) == sorted(srsinv.__all__)
     assert not {"forward", "report", "os", "sys"} & {*dir(srsinv)}
     assert {"Film", "Sensor", "Scenario", "Periodic", "Open", "fit", "load"} <= {*dir(srsinv)}
+    assert {"FeatureEstimate", "StripFeature", "LineProblem", "examples"} <= {*dir(srsinv)}
 
 
 @pytest.mark.parametrize("name", srsinv.__all__)
@@ -47,9 +48,22 @@ def test_every_name_says_what_it_is_and_in_which_units(name):
         assert unit is None or any(f"[{unit}]" in line for line in lines), key
 
 
+@pytest.mark.parametrize("name", ["simulate", "invert", "fit_recording", "load"])
+def test_help_explains_every_argument(name):
+    function = getattr(srsinv, name)
+    text = inspect.getdoc(function) or ""
+    assert all(f"- `{key}`: " in text for key in inspect.signature(function).parameters)
+    assert "Returns" in text
+    assert "Raises `BadInput`" in " ".join(text.split())
+
+
 def test_plots_are_a_module_that_can_be_imported():
     assert importlib.import_module("srsinv.plot") is srsinv.plot
     assert srsinv.plot.estimates.__module__.startswith("srsinv.report.plot")
+    names = dir(srsinv.plot)
+    assert {"answer", "estimates", "fit", "Panel"} <= {*names}
+    assert all(inspect.getdoc(getattr(srsinv.plot, name)) for name in names)
+    assert not any(inspect.ismodule(getattr(srsinv.plot, name)) for name in names)
 
 
 def test_a_name_that_it_has_not_is_an_error():

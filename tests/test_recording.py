@@ -107,7 +107,7 @@ def test_a_recording_has_its_own_data():
         ({"signal": SIGNAL * np.inf}, "voltage_0_V is not finite at data row 1"),
         ({"speed_m_per_s": np.where(TIME_S > 0.002, np.nan, 1)}, "row 4"),
         ({"measured_position_m": np.where(TIME_S > 0.003, np.inf, TIME_S)}, "position_m"),
-        ({"time_s": TIME_S[::-1]}, "increase"),
+        ({"time_s": TIME_S[::-1]}, "does not come after"),
         ({"time_s": TIME_S * 1e-297}, "less than 1e-18 s"),
         ({"time_s": TIME_S * 1e303}, "time_s is 1e+300"),
         ({"speed_m_per_s": SPEED * 1e300}, "speed_m_per_s is 4e+298"),
@@ -191,8 +191,8 @@ TAKEN: dict[str, tuple[str, dict[str, Any], dict[str, str], str]] = {
     "suffix": ("out.npz", {}, {}, ".csv, .nc"),
     "no suffix": ("out", {}, {}, "''"),
     "a name with a stroke": ("out.nc", {"channels": ("a", "N/m")}, {}, "without '/'"),
-    "no such folder": ("nowhere/out.csv", {}, {}, "a folder that is there"),
-    "no such folder, netCDF": ("nowhere/out.nc", {}, {}, "a folder that is there"),
+    "no such folder": ("nowhere/out.csv", {}, {}, "an existing, writable folder"),
+    "no such folder, netCDF": ("nowhere/out.nc", {}, {}, "an existing, writable folder"),
     "a sidecar": ("out.csv", {}, {"out.json": '{"gain": 100}', "out.csv": "a\n"}, "out.json"),
     "data alone": ("out.csv", {}, {"out.csv": "time_s,voltage_0_V\n"}, "out.json"),
     "a sidecar in YAML": ("out.csv", {}, {"out.yaml": "gain: 100\n"}, "out.yaml"),
@@ -225,7 +225,7 @@ def test_prepared_signals_and_infinite_facts_are_not_saved(tmp_path):
     facts.sidecar["gain"] = np.inf
     refused(lambda: save(facts, tmp_path / "out.csv"), "finite numbers")
     prepared = on_even_times(recording(sidecar={"detrend": "constant"}))
-    refused(lambda: save(prepared, tmp_path / "out.csv"), "prepared")
+    refused(lambda: save(prepared, tmp_path / "out.csv"), "filtered already")
     assert os.listdir(tmp_path) == []
 
 

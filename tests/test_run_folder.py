@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ import pytest
 from srsinv import __version__
 from srsinv.__main__ import find_config_root, main
 from srsinv.errors import BadInput
-from srsinv.run_folder import MANIFEST, check, claim
+from srsinv.run_folder import MANIFEST, check, claim, commit_of
 from tests.stability import killed
 from tests.tiers import quick
 
@@ -373,16 +374,15 @@ class TestManifest:
             name for name in snapshot("a") if Path("a", name).is_file()
         }
 
-    def test_same_run_same_bytes(self, root, tmp_path, monkeypatch):
-        """Elsewhere, too, and in folders named after the time."""
+    def test_same_run_same_manifest(self, root, tmp_path, monkeypatch):
+        """Elsewhere, too, and in folders named after the time; its date aside."""
         assert main(["hydra.run.dir=a"], root) == 0
         assert main([], root) == 0
         (tmp_path / "there").mkdir()
         monkeypatch.chdir(tmp_path / "there")
         assert main([], root) == 0
-        texts = [path.read_bytes() for path in tmp_path.rglob(MANIFEST)]
-        assert len(texts) == 3
-        assert len(set(texts)) == 1
+        made = [json.loads(path.read_bytes()) | {"date": ""} for path in tmp_path.rglob(MANIFEST)]
+        assert made == [made[0]] * 3
 
 
 # (folder as typed, what is there)
@@ -528,3 +528,54 @@ class TestSweeps:
         assert main(["hydra.run.dir=sweep"], root) == 2
         assert "0/" in sentence(capsys)
         assert snapshot(tmp_path) == before
+
+
+COMMIT = "0123456789abcdef" * 2 + "01234567"
+# Files of a clone, and whether they tell its commit.
+CLONES = {
+    "a branch": (
+        {".git/HEAD": "ref: refs/heads/a/b\n", ".git/refs/heads/a/b": f"{COMMIT}\n"},
+        True,
+    ),
+    "no branch": ({".git/HEAD": f"{COMMIT}\n"}, True),
+    "a packed branch": (
+        {
+            ".git/HEAD": "ref: refs/heads/main\n",
+            ".git/packed-refs": f"# pack-refs\n{'f' * 40} refs/heads/other\n"
+            f"{COMMIT} refs/heads/main\n",
+        },
+        True,
+    ),
+    "a further work tree": (
+        {
+            ".git": "gitdir: main/worktrees/it\n",
+            "main/worktrees/it/HEAD": "ref: refs/heads/main\n",
+            "main/worktrees/it/commondir": "../..\n",
+            "main/refs/heads/main": COMMIT,
+        },
+        True,
+    ),
+    "no clone": ({}, False),
+    "an unborn branch": ({".git/HEAD": "ref: refs/heads/main\n"}, False),
+    "a path that leads out": ({".git/HEAD": "ref: refs/../../secret\n", "secret": COMMIT}, False),
+    "no commit": ({".git/HEAD": "ref: refs/heads/main\n", ".git/refs/heads/main": "rm -r"}, False),
+}
+
+
+@pytest.mark.parametrize("clone", CLONES)
+def test_the_commit_of_a_clone_is_read_from_its_files(clone, tmp_path):
+    files, is_known = CLONES[clone]
+    for name, text in {"pyproject.toml": 'name = "srsinv"\n', **files}.items():
+        write(name, text)(tmp_path)
+    assert commit_of(tmp_path) == (COMMIT if is_known else None)
+    write("pyproject.toml", 'name = "other"\n')(tmp_path)
+    assert commit_of(tmp_path) is None
+
+
+def test_a_run_says_when_and_by_what_it_was_made(root, tmp_path):
+    assert main([f"hydra.run.dir={tmp_path}/run"], root) == 0
+    made = json.loads((tmp_path / "run" / MANIFEST).read_text())
+    assert datetime.fromisoformat(made["date"]).tzinfo is not None
+    assert made["versions"].keys() == {"srsinv", "python", "jax", "jaxlib", "numpy"}
+    assert made["versions"]["srsinv"] == __version__
+    assert made["commit"] == commit_of(REPOSITORY)

@@ -65,7 +65,7 @@ def run(cfg: config.Config) -> Result:
         effects_on=listed(cfg["effects"]),
     )  # fmt: skip
     greatest = float(data["direction_error_deg_greatest"])
-    title = f"One circle at {snr:g} dB gives a ridge's direction to {greatest:.2g}°"
+    title = f"One circle at {snr:g} dB gives a ridge's direction within {greatest:.2g}°"
     return Result(title, data, sections(__file__, signals=on_the_circle, errors=errors))
 
 

@@ -111,14 +111,13 @@ class Circling(eqx.Module):
     def __init__(self, sensor: Sensor, circle: Circle):
         refuse(
             bool(sensor.filters),
-            f"The sensor has {len(sensor.filters)} filters, which are not modelled on a circle: "
-            "leave them out of effects.",
+            f"The sensor has {len(sensor.filters)} filters, which cannot be simulated on "
+            "a circle: leave them out of effects.",
         )
         for film in sensor.elements:
             if any(effect.averages_samples for effect in film.effects):
                 raise BadInput(
-                    "Samples averaged along a line cannot be taken on a circle: leave "
-                    "SampleAverage out of effects."
+                    "SampleAverage cannot be simulated on a circle: leave it out of effects."
                 )
         self.sensor, self.circle = sensor, circle
 

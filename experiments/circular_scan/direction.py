@@ -73,7 +73,7 @@ class DirectionFinder:
     def __init__(self, sensor: Sensor, circle: Circle, width_range_m: Range | None = None):
         refuse(
             sensor.amplifier.offset is None,
-            "The readout's offset is not known: give amplifier.offset, or use a rate signal.",
+            "The readout's offset is not known: give amplifier.offset, or amplifier=current.",
         )
         depth = float(sensor.depth_m)
         widths = width_range_m or (0.1 * depth, 2 * depth)
@@ -168,8 +168,8 @@ def _trial_lines(radius_m: float, step_m: float) -> Float[np.ndarray, "start 2"]
     count = np.pi * radius_m / step_m * 2 * radius_m / step_m
     refuse(
         count > MOST_TRIED,
-        f"a circle of radius {radius_m:g} m has {count:.0e} places to look for a ridge: take a "
-        "smaller one, or a deeper film.",
+        f"A circle of radius {radius_m:g} m has {count:.0e} positions to search for a "
+        "ridge: give a smaller radius, or a deeper film.",
     )
     angles = np.arange(0, np.pi, step_m / radius_m)
     distances = np.linspace(-radius_m, radius_m, 2 * int(np.ceil(radius_m / step_m)) + 1)

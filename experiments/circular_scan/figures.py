@@ -8,13 +8,13 @@ from srsinv import plot
 
 def on_the_circle(ds: xarray.Dataset) -> Figure:
     """The signals with noise of the directions shown, and the fit to each."""
-    way, up = plot.PanelAxis("way along the circle", "m"), plot.PanelAxis("signal", "V")
+    along, up = plot.PanelAxis("distance along the circle", "m"), plot.PanelAxis("signal", "V")
     data = {"color": "#b5bcc2", "linewidth": 1.0}
     return plot.panels([
         [
             plot.Panel(
                 [plot.Curve(noisy.values, "with noise", look=data), plot.Curve(fit.values, "fit")],
-                way, up, ds["way"].values, f"Ridge at {angle:g}°, element {name}",
+                along, up, ds["way"].values, f"Ridge at {angle:g}°, element {name}",
             )
             for name, noisy, fit in zip(ds["element"].values, *of_angle, strict=True)
         ]

@@ -67,7 +67,7 @@ def run(cfg: config.Config) -> Result:
     shown = sections(__file__, heights=least_height, pairs=narrowest_pair)
     title = (
         f"A ridge {quantity(at.least_height, 'm', digits=2)} high is detected through "
-        f"{1e3 * depth_m:.3g} mm of skin, a pair {1e3 * at.narrowest_pair:.2g} mm apart resolved"
+        f"{1e3 * depth_m:.3g} mm of skin; a pair {1e3 * at.narrowest_pair:.2g} mm apart is resolved"
     )
     return Result(title, data, shown)
 
@@ -107,6 +107,6 @@ def _range(given: Mapping[str, Any], key: str, count: str) -> np.ndarray:
         f"{name} is {ends}: give [least, greatest].",
     )
     low = number(name, ends[0], "[least, greatest], both positive", above=0)
-    high = number(name, ends[1], "[least, greatest], the second the larger", above=low)
+    high = number(name, ends[1], "[least, greatest] in increasing order", above=low)
     name, wanted = f"detection_limit.{count}", "a whole number from 3"
     return np.geomspace(low, high, whole(name, given[count], wanted, least=3))

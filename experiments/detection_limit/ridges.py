@@ -78,8 +78,8 @@ class RidgeDetection(NamedTuple):
         width, window = float(self.ridge.width_m), line.n * float(line.cell_m)
         refuse(
             not width + step < distances[0] < distances[-1] < window / 2,
-            f"{name} is {[float(wanted_m[0]), float(wanted_m[-1])]}: give distances above the "
-            f"ridge's width {width:g} m by more than two cells ({step:g} m), and below half the "
+            f"{name} is {[float(wanted_m[0]), float(wanted_m[-1])]}: give distances above "
+            f"the ridge's width {width:g} m by more than {step:g} m, and below half the "
             f"window's {window:g} m.",
         )
         return distances
@@ -190,6 +190,7 @@ class RidgeDetection(NamedTuple):
         spectrum = np.asarray(total_spectrum(noises, samples, self.scan, rms))
         refuse(
             not spectrum.min() > 0 or not is_flat(spectrum),
-            "The noise is not white, which is assumed here: give noise=[johnson] or noise=[white].",
+            "The noise is not white, which this experiment needs: give noise=[johnson] "
+            "or noise=[white].",
         )
         return float(np.sqrt(spectrum[0]))

@@ -79,8 +79,9 @@ def _checked(settings: Any) -> dict[str, Any]:
     load = VibratingEdge(KnifeEdge(given["radius_m"]), *loads)
     refuse(
         load.amplitude_N_per_m > load.preload_N_per_m,
-        f"{NAME}.amplitude_N_per_m is {load.amplitude_N_per_m:g}, above preload_N_per_m "
-        f"({load.preload_N_per_m:g}), and the edge would leave the skin: give a smaller amplitude.",
+        f"{NAME}.amplitude_N_per_m is {load.amplitude_N_per_m:g}, above "
+        f"preload_N_per_m ({load.preload_N_per_m:g}), so the edge would leave the "
+        "skin: give a smaller amplitude.",
     )
     return given
 
@@ -121,8 +122,6 @@ def _title(data: xarray.Dataset) -> str:
     each = zip(data["direction"].values, data["fit_residual"].values, strict=True)
     rest = " and ".join(f"{100 * float(r):.2g} % at {float(angle):g}°" for angle, r in each)
     sign = abs(float(data["sign_change"].values[0, 1]))
-    turn = f"; the phase turns by 180° {quantity(sign, 'm')} from the film"
-    leaves = (
-        f"A line load on theory's skin, fitted in amplitude, leaves {rest} of the rig's response"
-    )
-    return leaves + (turn if np.isfinite(sign) else "")
+    turn = f"; the phase changes by 180° at {quantity(sign, 'm')} from the film"
+    fitted = f"A line load with a fitted amplitude leaves {rest} of the rig's response"
+    return fitted + (turn if np.isfinite(sign) else "")

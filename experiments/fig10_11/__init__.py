@@ -45,7 +45,7 @@ def run(cfg: config.Config) -> Result:
         methods = config.methods(cfg)
         refuse(
             len(methods) > 1,
-            f"method names {', '.join(methods)}: name one, as the kernels are compared by it.",
+            f"method names {', '.join(methods)}: give one, by which the kernels are compared.",
         )
         method = next(iter(methods.values()))
         stated, true_cfg = config.simulation(cfg).sensor, of_truth(cfg)
@@ -53,8 +53,8 @@ def run(cfg: config.Config) -> Result:
         recorder = test.scenario.recorder
         refuse(
             recorder.samples_in_time or bool(recorder.conversions),
-            "effects has some of the recording (sampling, speed, clipping, quantisation), and this "
-            "experiment averages passes of one sample a cell: leave them out.",
+            "effects names one of the recording (sampling, speed, clipping, "
+            "quantisation), but this experiment takes one sample per cell: leave it out.",
         )
         friction = float(known_input(cfg)["base_friction"])
         truth, each = np.asarray(test.traction(test.line)), []
@@ -251,6 +251,8 @@ def _title(data: xarray.Dataset) -> str:
         f"{significant(100 * float(data['error'].sel(kernel=name, component='p')), 2)} %"
         for name in ("theoretical", "measured", "true")
     )
-    by_both = f"p is off by {theory} by the theoretical kernel and by {own} by the measured one"
     doubtful = " (doubtful)" if data.attrs["remarks"] else ""
-    return f"{by_both}; the true one leaves {best}{doubtful}"
+    return (
+        f"p has an error of {theory} with the theoretical kernel, {own} with the measured one and "
+        f"{best} with the true one{doubtful}"
+    )

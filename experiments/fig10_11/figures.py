@@ -30,7 +30,7 @@ def draw_kernels(ds: xarray.Dataset) -> Figure:
         return plot.panel(
             {name: own.sel(kernel=name) for name in ("theoretical", "measured", "true")},
             looks=LOOKS, stderrs={"measured": error}, within=(-reach, reach),
-            quantity="charge under 1 N/m", along="place of the film from the load",
+            quantity="charge under 1 N/m", along="position of the film from the load",
             title=f"Element {element}: {component}",
         )  # fmt: skip
 

@@ -70,7 +70,7 @@ def _title(data: xarray.Dataset) -> str:
     read = quantity_with_error(float(data["pitch_m"]), float(data["pitch_m_stderr"]), "m")
     ridges = f"{data.attrs['ridges']} ridges {quantity(data.attrs['height_m'], 'm', digits=2)} high"
     snr = f"{float(data['snr_per_sample']):.2g}"
-    return f"Pitch of {ridges}: {read}, by a signal of {snr} of the noise in a sample"
+    return f"The pitch of {ridges} is {read}, at a signal of {snr} times the noise per sample"
 
 
 def _ranges(given: Settings) -> tuple[int, np.ndarray, np.ndarray]:

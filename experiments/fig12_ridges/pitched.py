@@ -84,8 +84,8 @@ class PitchedScan(NamedTuple):
         pitches = line.n * float(line.cell_m) / float(ridges.pitch_m)
         refuse(
             not isinstance(line, Periodic) or abs(pitches - round(pitches)) > 1e-6 or pitches < 0.5,
-            f"The window holds {pitches:.4g} pitches: give grid.line=periodic and as grid.length_m "
-            "a whole number of pitches.",
+            f"The window has {pitches:.4g} pitches: give grid.line=periodic, and a "
+            "grid.length_m of a whole number of pitches.",
         )
         scan.require_onwards()
         return cls(line, surface, ridges, sensor, scan)

@@ -11,6 +11,7 @@ from srsinv.forward.surface import Surface, Tape
 from srsinv.inverse.estimate import COMPONENTS, Estimate
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.solved_contact import SolvedContact, smoothed_truth
+from srsinv.jobs.estimates import of_simulated
 from srsinv.progress import stage
 from srsinv.report.answers import answer_variables
 from srsinv.report.data import dataset, scalars
@@ -54,7 +55,7 @@ def run(cfg: config.Config) -> Result:
         variables = _edges(solved, tape, problem, from_edge)
         variables |= _recovered(solved, tape, problem, estimate, fitted)
     data = dataset(
-        variables | answer_variables({"recovery": estimate, "fit": fitted}, "answer"),
+        variables | of_simulated(answer_variables({"recovery": estimate, "fit": fitted}, "answer")),
         {"case": (list(CASES), "1"), "metric_end": ("case", list(CASES.values()), "1"),
          "edge": (list(EDGES), "1"), "element": (sim.sensor.element_names, "1"),
          "component": (list(COMPONENTS), "1"), "answer": (["recovery", "fit"], "1"),
@@ -64,7 +65,7 @@ def run(cfg: config.Config) -> Result:
         refinement=sim.refinement, noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
     mu = {name: format_with_error(*each) for name, each in fitted.parameters.items()}
-    title = "The tape's leading edge: friction {leading_edge_friction}, base {base_friction}"
+    title = "The leading edge has a friction of {leading_edge_friction}, the base {base_friction}"
     return Result(title.format(**mu), data, sections(__file__, symmetry=symmetry))
 
 

@@ -101,4 +101,4 @@ def _title(data: xarray.Dataset) -> str:
     named, last = (data[name].sel(case=ALL).item() for name in ("mean_slope", "last_phase"))
     if data.sizes["case"] == 2 or not np.isfinite(named):  # nothing is named, or nothing is left
         return title
-    return f"{title}; with the electronics named by {named:.2f}, at {last:.0f}° in the end"
+    return f"{title}; with the electronics by {named:.2f} dB per octave, up to {last:.0f}°"

@@ -66,8 +66,8 @@ def _checked(settings: Any) -> dict[str, Any]:
     )
     refuse(
         low > 1,
-        f"{NAME}.amplitude_range begins at {low:g} of the preload, where the edge leaves the skin: "
-        "give a least amplitude up to 1.",
+        f"{NAME}.amplitude_range begins at {low:g} of the preload, where the edge "
+        "leaves the skin: give a least amplitude up to 1.",
     )
     wanted = "a whole number from 3 to 2000"
     count = whole(f"{NAME}.amplitudes", given["amplitudes"], wanted, least=3, most=2000)
@@ -108,7 +108,10 @@ def _title(data: xarray.Dataset) -> str:
     amplitude = data["amplitude"].values
     top = amplitude[amplitude <= 1][-1]
     worst = data["greatest_deviation"].max("radius")
-    each = [f"{float(w):.2g} dB by {c}" for c, w in zip(data["control"].values, worst, strict=True)]
+    each = [
+        f"{float(w):.2g} dB for a given {c}"
+        for c, w in zip(data["control"].values, worst, strict=True)
+    ]
     return (
         f"From {100 * amplitude[0]:.3g} to {100 * top:.3g} % of the preload the response is "
         f"proportional within {' and '.join(each)}; the paper measured {PAPER_DB:g} dB"

@@ -17,8 +17,8 @@ def draw_gain(ds: xarray.Dataset) -> Figure:
         own = ds[name].sel(control=control)
         lines = {f"radius {quantity(r, 'm')}": own.sel(radius=r) for r in ds["radius"].values}
         return plot.panel(
-            lines, quantity=word, along="amplitude over the preload's", title=f"{control} given",
-            marks=marks, **settings,
+            lines, quantity=word, along="amplitude / preload",
+            title=f"{word.capitalize()}, given {control}", marks=marks, **settings,
         )  # fmt: skip
 
     kinds = (

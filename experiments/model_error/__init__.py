@@ -41,7 +41,10 @@ def run(cfg: config.Config) -> Result:
     )
     points = whole("model_error.points", settings["points"], "a whole number from 2", least=2)
     wavelengths = np.geomspace(last, first, points)
-    refuse(line_kind != "periodic", f"grid.line is {line_kind!r}: give periodic, as for sinusoids.")
+    refuse(
+        line_kind != "periodic",
+        f"grid.line is {line_kind!r}, but sinusoids need a periodic line: give grid.line=periodic.",
+    )
     ((name, method),) = methods.items()
     changes = {ASSUMED: {}, **mapping("model_error.truths", settings["truths"])}
     true = {case: merged(cfg, each) for case, each in changes.items()}
@@ -108,6 +111,6 @@ def _title(data: xarray.Dataset) -> str:
     own = error.sel(case=ASSUMED, component=worst["component"])
     percent, of_assumed = (significant(100 * float(each), 3) for each in (worst, own))
     return (
-        f"{worst['component'].item()} is off by {percent} % with data of another sensor "
-        f"({worst['case'].item()}), by {of_assumed} % with those of the assumed one"
+        f"{worst['component'].item()} has an error of {percent} % with data of another sensor "
+        f"({worst['case'].item()}) and of {of_assumed} % with data of the assumed one"
     )

@@ -110,7 +110,7 @@ def title(data: xarray.Dataset) -> str:
     """What the first method makes of all recordings."""
     first = data.isel(estimator=0)
     return (
-        f"Of {int(data['recordings'])} recordings, with one of {int(data['faults'])} faults or "
-        f"none, {first['estimator'].item()} has no answer for {int(first['no_answer'])} and is "
-        f"within {MOST_RATIO:g} times the error of the best weights for {int(first['within'])}"
+        f"{first['estimator'].item()} stays within {MOST_RATIO:g} times the best error for "
+        f"{int(first['within'])} of {int(data['recordings'])} recordings with and without faults; "
+        f"{int(first['no_answer'])} have no answer"
     )

@@ -28,7 +28,7 @@ def run(cfg: config.Config) -> Result:
     Raises `BadInput` for invalid scenes, or scenes without surfaces, and more than one method.
     """
     scenes = mapping("shape_from_traction.scenes", cfg["shape_from_traction"]["scenes"])
-    refuse(not scenes, "shape_from_traction.scenes names none: give one or more, each a scene.")
+    refuse(not scenes, "shape_from_traction.scenes is empty: give one or more scenes by name.")
     contacts, estimates, recovered = [], {}, []
     with config.precision(cfg):
         methods = config.methods(cfg)
@@ -59,7 +59,7 @@ def run(cfg: config.Config) -> Result:
     )
     rms = zip(scenes, data["rms_error"].values, strict=True)
     parts = [f"{1e6 * error:.2g} µm rms ({spoken(name)})" for name, error in rms]
-    title = f"Profiles within the contact, from the pressure: right to {', '.join(parts)}"
+    title = f"Profiles from the pressure have errors of {', '.join(parts)} within the contact"
     return Result(title, data, sections(__file__, shapes=shapes, pressures=pressures))
 
 

@@ -61,7 +61,7 @@ def pressures(ds: xarray.Dataset) -> Figure:
                        in_view=near),
             plot.Curve(resolved, "truth, as resolved", look=DOTTED, in_view=near),
         ]  # fmt: skip
-        rows.append(panel(curves, "p - mean", "Pa", name + remark))
+        rows.append(panel(curves, "p less its mean", "Pa", name + remark))
     return plot.panels(rows, height_in=2.2)
 
 

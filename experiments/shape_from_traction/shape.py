@@ -1,8 +1,8 @@
 """Surface profile from the pressure: the inverse of the contact problem.
 
 Where the skin touches, its displacement is the surface's height up to a constant, and at nu = 1/2
-pressure alone displaces it, w(k) = compliance(k) p(k) (docs/physics.md, section 5). Between, w is
-the skin over the gap. The compliance falls as 1/|k|: errors of long waves grow most.
+pressure alone displaces it, w(k) = compliance(k) p(k) (docs/explanation/physics/contact.md).
+Between, w is the skin over the gap. The compliance falls as 1/|k|: errors of long waves grow most.
 """
 
 from typing import NamedTuple
@@ -43,8 +43,8 @@ def shape_band(
     """
     if estimate.covariance is None:
         raise BadInput(
-            "The estimate has no covariance, from which the profile's error follows: take a method "
-            "that gives one, such as Wiener or Tikhonov."
+            "The estimate has no covariance, which the profile's error needs: give a "
+            "method that has one, such as method=[wiener] or method=[tikhonov]."
         )
     w, stderr = _band(line, skin, estimate.value[0], estimate.covariance, jnp.asarray(touching))
     rig_errors = getattr(estimate, "rig_errors", None)

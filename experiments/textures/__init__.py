@@ -60,8 +60,8 @@ def run(cfg: config.Config) -> Result:
         refinement=times, noise=", ".join(cfg["noise"]), effects_on=listed(cfg["effects"]),
     )  # fmt: skip
     full, _, learned = (f"{100 * each:.0f} %" for each in data["accuracy"].values)
-    title = f"Textures by the spectrum of {1e3 * numbers['stretch_m']:.3g} mm: {full} right in "
-    title += f"full contact, {learned} under light pressure"
+    title = f"Spectra of {1e3 * numbers['stretch_m']:.3g} mm classify {full} of the textures "
+    title += f"correctly in full contact, {learned} in light contact"
     return Result(title, data, sections(__file__, spectra=height_densities))
 
 

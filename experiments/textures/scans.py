@@ -1,7 +1,7 @@
 """Simulated scans of rough surfaces, and the linear law from their heights to a sensor's signal.
 
-In full contact p(k) = E* |k| h(k)/2 (docs/physics.md, section 5), so that with q = mu p known the
-signal's power is a gain times the density of heights.
+In full contact p(k) = E* |k| h(k)/2 (docs/explanation/physics/contact.md), so that with q = mu p
+known the signal's power is a gain times the density of heights.
 """
 
 import dataclasses
@@ -71,10 +71,10 @@ class TextureSensor:
         self.scan, self.skin, self.refinement = scan, skin, refinement
         sensor.require_elements(1)
         if mu is None:
-            raise BadInput("friction is null: give mu of q = mu p, such as 0.4.")
+            raise BadInput("friction is null: give mu of q = mu p, such as friction=0.4.")
         refuse(
             not isinstance(self.line, Periodic),
-            "grid.line is open: a texture has no end, use grid.line=periodic.",
+            "grid.line is open, but a texture has no end: give grid.line=periodic.",
         )
         self.mu = mu
         self.cell_m, self.k = float(self.line.cell_m), np.asarray(self.line.k)

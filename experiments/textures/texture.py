@@ -1,8 +1,8 @@
 """A texture by its spectrum: density of heights from a signal's power, and the nearest known one.
 
-The signal's power at a wavenumber is gain times density plus noise; see docs/physics.md, section 5,
-for the linear law of full contact behind the gain. Powers are per sample, as those of
-`forward.noise`.
+The signal's power at a wavenumber is gain times density plus noise; see
+docs/explanation/physics/contact.md, for the linear law of full contact behind the gain. Powers are
+per sample, as those of `forward.noise`.
 """
 
 from typing import NamedTuple

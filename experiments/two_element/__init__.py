@@ -71,7 +71,7 @@ def _title(data: xarray.Dataset) -> str:
         " and ".join(f"{significant(100 * each, 2)} %" for each in errors.min("estimator").values)
         for errors in (data["error_mean"].sel(angle=angle), data["error_one_element"])
     )
-    return f"Two elements {angle:g}° apart recover p and q to {two}, one alone to {one}"
+    return f"Two elements {angle:g}° apart recover p and q within {two}, one element within {one}"
 
 
 def _turned(sim: Simulation, angle_deg: float) -> Simulation:

@@ -10,30 +10,33 @@ from pathlib import Path
 _JOB = re.compile(r"^job:\s*[\"']?([\w.]+)", re.MULTILINE)
 
 _USAGE = """\
-srsinv: what a stress-rate tactile sensor feels, and what that says about the surface.
+srsinv: simulate and invert stress-rate tactile sensors.
 
 usage
   srsinv [experiment=NAME] [GROUP=OPTION ...] [key=value ...]
-  srsinv -m key=a,b ...     a sweep: one run for each value, gathered in one page; called again
-                            with the same hydra.sweep.dir it runs what is missing
+                            run one experiment
+  srsinv -m key=a,b ...     run a sweep: one run for each value, and one page of all runs;
+                            repeat the command with the same hydra.sweep.dir to complete
+                            missing runs
   srsinv -m hydra/launcher=parallel ...
-                            the same side by side; slurm: on a cluster
-  srsinv --cfg job ...      show the composed configuration and its keys, run nothing
-  srsinv --hydra-help       the rest of Hydra's flags
+                            run the jobs of a sweep in parallel (slurm: on a cluster)
+  srsinv rerun=FOLDER       repeat an earlier run from its folder
+  srsinv --cfg job ...      show the configuration with all its keys, without running it
+  srsinv --hydra-help       show Hydra's other flags
 """
 
 _RESULTS = """\
 results
-  metrics.json, result.nc, report.html, figures/, run.json and .hydra/ go to
-  outputs/NAME/DATE_TIME under the current folder, or to hydra.run.dir=FOLDER;
-  the last line printed is that folder.
+  The run's folder contains metrics.json, result.nc, report.html, figures/, run.json and .hydra/.
+  It is outputs/NAME/DATE_TIME under the current folder, or the one of hydra.run.dir=FOLDER.
+  The command prints it as its last line.
 """
 
 
 @dataclass(frozen=True)
 class Experiment:
     """One file of `configs/experiment`: its name, its job (None: that of the default run), its
-    subject, and whether the job is installed."""
+    summary, and whether the job is installed."""
 
     name: str
     job: str | None

@@ -52,7 +52,7 @@ def check_typed(overrides: Sequence[Override]) -> None:
             for refused, remedy in NOT_TYPED.items():
                 refuse(
                     key == refused or key.startswith(f"{refused}."),
-                    f"{refused} is not for srsinv: {remedy}.",
+                    f"srsinv does not use {refused}: {remedy}.",
                 )
 
 
@@ -89,22 +89,24 @@ def check_hydra_settings(config: DictConfig) -> None:
         target, *inner = [*_targets(node)] or [None]
         refuse(
             target not in allowed or bool(inner),
-            f"hydra.{part} would make {echo(inner[0] if inner else target)}: leave it out, or "
-            f"choose one of {', '.join(name.rpartition('.')[2] for name in allowed)}.",
+            f"hydra.{part} names {echo(inner[0] if inner else target)}, which srsinv does "
+            "not run: leave it out, or choose one of "
+            f"{', '.join(name.rpartition('.')[2] for name in allowed)}.",
         )
     refuse(
         bool(settings.get("callbacks")),
-        "hydra.callbacks names code to run, which srsinv does not take: leave it out.",
+        "srsinv does not run code that hydra.callbacks names: leave it out.",
     )
     for part in ("job_logging", "hydra_logging"):
         refuse(
             settings.get(part) != NO_LOGGERS,
-            f"hydra.{part} sets up loggers, and srsinv logs nothing: leave it as it is.",
+            f"hydra.{part} sets up loggers, which srsinv does not use: leave it out.",
         )
     job, sweeper = settings.get("job") or {}, settings.get("sweeper") or {}
     refuse(
         bool(job.get("env_set") or job.get("env_copy") or sweeper.get("params")),
-        "hydra.job.env_set, env_copy and hydra.sweeper.params are not for srsinv: leave them out.",
+        "srsinv does not use hydra.job.env_set, hydra.job.env_copy and "
+        "hydra.sweeper.params: leave them out.",
     )
     batch = sweeper.get("max_batch_size")
     refuse(
@@ -119,8 +121,8 @@ def check_hydra_settings(config: DictConfig) -> None:
     )
     refuse(
         settings.get("output_subdir") is not None,
-        "hydra.output_subdir is not for srsinv, which writes .hydra together with its results: "
-        "leave it out.",
+        "srsinv does not use hydra.output_subdir, as it writes .hydra with its "
+        "results: leave it out.",
     )
 
 

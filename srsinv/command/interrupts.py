@@ -52,7 +52,9 @@ def stoppable(main: Callable[..., int]) -> Callable[..., int]:
                 sys.stdout.flush()
                 os._exit(stopped.exit_code)
             return stopped.exit_code
-        if not arguments and not settings:
+        # Workers of joblib are stopped by the interpreter's own end alone, and would hold the
+        # command's pipes open for minutes.
+        if not arguments and not settings and "joblib" not in sys.modules:
             _end_process(code)
         return code
 

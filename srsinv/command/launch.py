@@ -36,6 +36,7 @@ from .outcome import DONE, FAULT, Outcome, say
 from .overrides import check
 from .programs import release_programs
 from .reads import only_read
+from .rerun import note_change, replayed
 from .surroundings import (
     printing,
     settle_drawing,
@@ -55,7 +56,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
 
     Raises `BadInput` where nothing can be composed; a job's own refusals are already printed.
     """
-    flags = _flags(arguments)
+    flags, recorded = replayed(_flags(arguments))
     if flags.shell_completion:
         with printing():
             return _complete(root, flags.overrides)
@@ -81,7 +82,7 @@ def launch(arguments: Sequence[str], root: Path) -> int:
         context = HydraContext(config_loader=hydra.config_loader, callbacks=Callbacks(config))
         given = ("--config-dir", flags.config_dir) if flags.config_dir else ()
         here = str(Path(flags.config_dir).resolve()) if flags.config_dir else None
-        task = LaunchedTask(root, given, here)
+        task = LaunchedTask(root, given, here, recorded=recorded)
         if not flags.multirun:
             return run(context, task, config)
         command = task.command(["-m", *overrides_of(config)])
@@ -97,12 +98,14 @@ class LaunchedTask:
     - `config_dir`: the user's own folder of options and plugins, wherever the job is run.
     - `places`: numbers and folders of a sweep's jobs in the order in which they are launched, as
       some may have been done before; no folder where only the job itself knows it.
+    - `recorded`: what the run was known by that is repeated; None where none is.
     """
 
     root: Path
     flags: tuple[str, ...]
     config_dir: str | None
     places: tuple[tuple[int, str | None], ...] = ()
+    recorded: str | None = None
 
     def __call__(self, config: DictConfig) -> Outcome:
         """Run the job of a composed configuration; what became of it, with the reason printed."""
@@ -145,6 +148,7 @@ class LaunchedTask:
         """The job's result, and what writes the files of its run."""
         settings = resolved(config)
         known_by = identity(settings, self.config_dir)
+        note_change(known_by, self.recorded)
         open_plugins(self.config_dir)
         check_early(settings)
         job = started_with_jax(lambda: load_job(settings["job"], self.root))

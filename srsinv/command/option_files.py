@@ -34,8 +34,8 @@ class FileConfigSource(file_config_source.FileConfigSource):
             content = read_bytes(path, what=what, most=MOST_BYTES, key="--config-dir")
             refuse(
                 b"*" in content and _values(content) > MOST_VALUES,
-                f"{quoted(path.name)}: the {what} repeats its values by aliases to more than "
-                f"{MOST_VALUES}: write it without.",
+                f"{quoted(path.name)}: the {what} expands to more than {MOST_VALUES} values "
+                "by its YAML aliases: use fewer aliases.",
             )
         return super().load_config(config_path)
 

@@ -25,13 +25,15 @@ from hydra.types import RunMode
 from omegaconf import OmegaConf
 
 from ..errors import BadInput, nearest_name, refuse
-from .help import experiments
+from .help import experiments, groups
 from .reads import keys_read
 from .typed import composing, text_of
 
 _ABSENT = object()
 MOST_JOBS = 10_000  # of one sweep
 _NAMED = 3  # experiments that a sentence names
+_MOST_LISTED = 12  # options and keys that a sentence names
+_ALL_KEYS = "srsinv --cfg job lists all keys"
 SEVERAL = ("effects", "feature", "method", "noise")  # groups of which none may be chosen
 
 
@@ -51,10 +53,10 @@ def check(
             "or write a list as key=[a,b]",
         )
     jobs = math.prod(map(_count, overrides))
-    refuse(jobs == 0, "the sweep has no jobs: give values for one at least.")
+    refuse(jobs == 0, "the sweep has no jobs: give at least one value, as -m seed=0,1.")
     refuse(
         jobs > MOST_JOBS,
-        f"the sweep has {jobs:g} jobs: give values that make at most {MOST_JOBS}.",
+        f"the sweep has {jobs:g} jobs, more than {MOST_JOBS}: give fewer values.",
     )
     searchpath = [text_of(o) for o in overrides if o.key_or_group == "hydra.searchpath"]
     choices, values = [], []
@@ -72,7 +74,7 @@ def check(
         base = _compose(hydra, [*searchpath, *chosen])
         added: list[str] = []
         for override in values:
-            _check_value(override, base, added)
+            _check_value(override, base, added, root)
         for job in jobs or [base.get("job")]:
             keys = keys_read(job, root)
             if keys is not None:
@@ -91,8 +93,10 @@ def _check_read(keys: Iterable[str], job: str, read: dict[str, Any], root: Path)
         able = {each.name: keys_read(each.job, root) for each in experiments(root) if each.runnable}
         names = [name for name, its in able.items() if its and top in its]
         names = sorted(names, key=lambda name: len(able[name] or ()))[:_NAMED]
-        others = f"; experiment={' or '.join(names)} reads it" if names else ""
-        raise BadInput(f"job {job} does not read '{key}': {_nearest_key(key, read)}{others}")
+        others = [f"experiment={' or '.join(names)} reads it"] if names else []
+        near = _nearest_key(key, read)
+        hints = [near, *others] if near != _ALL_KEYS or not others else others
+        raise BadInput(f"job {job} does not read '{key}': {'; '.join(hints)}")
 
 
 def _compose(hydra: Hydra, overrides: list[str]) -> dict[str, Any]:
@@ -115,28 +119,26 @@ def _check_choice(override: Override, options: list[str], root: Path) -> None:
         options = [name for name in options if name not in absent]
     refuse(
         override.is_delete(),
-        f"'{text_of(override)}' would leave no {group}; choose one of {_listed(options)}",
+        f"'{text_of(override)}' would leave no {group}; {_choices(options)}",
     )
     refuse(
         [] in _values(override) and group not in SEVERAL,
-        f"'{text_of(override)}' would leave no {group}; choose one of {_listed(options)}",
+        f"'{text_of(override)}' would leave no {group}; {_choices(options)}",
     )
     for name in _chosen(override):
         refuse(
             name is None,
-            f"'{text_of(override)}' chooses nothing; leave it out, "
-            f"or choose one of {_listed(options)}",
+            f"'{text_of(override)}' chooses nothing; leave it out, or {_choices(options)}",
         )
         refuse(
             name in absent,
-            f"experiment '{name}' runs from a clone of the repository only; "
-            f"here there are {_listed(options)}",
+            f"experiment '{name}' runs only in a clone of the repository; {_choices(options)}",
         )
         near = nearest_name(name, options)
         hint = f"the nearest is '{near}'; " if near else ""
         refuse(
             name not in options,
-            f"there is no {group} '{name}'; {hint}there are {_listed(options)}",
+            f"there is no {group} '{name}'; {hint}{_choices(options)}",
         )
 
 
@@ -172,7 +174,7 @@ def _alternatives(override: Override) -> list[str]:
     return [f"{key}={value}" for value in override.sweep_string_iterator()]
 
 
-def _check_value(override: Override, base: dict[str, Any], added: list[str]) -> None:
+def _check_value(override: Override, base: dict[str, Any], added: list[str], root: Path) -> None:
     key = override.key_or_group
     if any(key == parent or key.startswith(f"{parent}.") for parent in added):
         return
@@ -183,7 +185,8 @@ def _check_value(override: Override, base: dict[str, Any], added: list[str]) -> 
         added.append(key)
         return
     if old is _ABSENT:
-        raise BadInput(f"there is no key '{key}'; {_nearest_key(key, base)}")
+        hint = _unchosen(key, base, root) or _nearest_key(key, base)
+        raise BadInput(f"there is no key '{key}'; {hint}")
     refuse(
         override.is_delete() and not is_open,
         f"'~{key}' would remove a value that the job needs; set it with {key}=VALUE",
@@ -255,15 +258,14 @@ def _nearest_key(key: str, base: dict[str, Any]) -> str:
         near = nearest_name(leaf, siblings)
         if near:
             return f"the nearest is '{parent}.{near}'"
-        return f"'{parent}' has {_listed(siblings)}"
+        many = len(siblings) > _MOST_LISTED
+        return _ALL_KEYS if many else f"'{parent}' has {_listed(siblings)}"
     keys = [name for name in _dotted(base) if not name.startswith("hydra")]
     leaves = {name.rpartition(".")[2]: name for name in reversed(keys)}
     for word, names in ((leaf, leaves), (key, {name: name for name in keys})):
         if near := nearest_name(word, names):
             return f"the nearest is '{names[near]}'"
-    return (
-        f"the keys are {_listed(name for name in keys if '.' not in name)}, and those inside them"
-    )
+    return _ALL_KEYS
 
 
 def _dotted(node: Any, prefix: str = "") -> Iterator[str]:
@@ -276,6 +278,24 @@ def _dotted(node: Any, prefix: str = "") -> Iterator[str]:
 
 def _unquoted(value: Any) -> Any:
     return value.text if isinstance(value, QuotedString) else value
+
+
+def _unchosen(key: str, base: dict[str, Any], root: Path) -> str:
+    """What to type where a key is of an option, as an effect, that is not chosen; else nothing."""
+    group, _, rest = key.partition(".")
+    name, chosen = rest.partition(".")[0], base.get(group)
+    if group not in SEVERAL or not isinstance(chosen, dict | None):
+        return ""
+    if name in (chosen or {}) or name not in groups(root).get(group, ()):
+        return ""
+    return f"choose {name} too, by '{group}=[{','.join([*(chosen or {}), name])}]'"
+
+
+def _choices(options: Sequence[str]) -> str:
+    """The words for what may be chosen."""
+    if len(options) > _MOST_LISTED:
+        return "srsinv --help lists all"
+    return f"choose one of {_listed(options)}"
 
 
 def _listed(names: Iterable[object]) -> str:

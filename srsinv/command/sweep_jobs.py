@@ -77,8 +77,8 @@ class SweepJobs:
             own = self._with_free_folder(job, later, taken, folder) if job.place in taken else job
             refuse(
                 own.place in taken,
-                f"{folder / str(own.place)} would hold two runs of this sweep; give each its own "
-                "folder with hydra.sweep.subdir, which is the job's number unless given",
+                f"two runs of this sweep would share {folder / str(own.place)}; leave "
+                "hydra.sweep.subdir out, so that each run has a folder of its own number",
             )
             if own.place is not None:
                 taken.add(own.place)

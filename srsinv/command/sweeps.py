@@ -37,8 +37,8 @@ def sweep(context: HydraContext, task: Any, config: DictConfig, command: str) ->
     inside = cast(dict[str, Any], OmegaConf.to_container(config.hydra.sweep))["subdir"]  # as typed
     refuse(
         os.path.normpath(str(inside)) == ".",
-        f"hydra.sweep.subdir is {inside!r}, the sweep's own folder; leave it out, and each run has "
-        "one by its number",
+        f"hydra.sweep.subdir is {inside!r}, the sweep's own folder; leave it out, so "
+        "that each run has a folder of its own number",
     )
     check_sweep(folder)
     hint_at_remains(folder)

@@ -48,8 +48,8 @@ def composing() -> Iterator[None]:
         raise
     except RecursionError as error:
         raise BadInput(
-            "cannot compose the configuration: a file of it includes itself, or is nested too "
-            "deeply; leave that out"
+            "cannot compose the configuration: one of its files includes itself or is "
+            "nested too deeply; remove that part"
         ) from error
     except Exception as error:
         raise BadInput(
@@ -64,7 +64,8 @@ def parse(overrides: Sequence[str], root: Path) -> list[Override]:
         key, _, value = override.partition("=")
         refuse(
             value.strip().startswith("glob("),
-            f"{echo(override)} leaves the options to srsinv: name them, as {key}=A,B with -m",
+            f"{echo(override)} uses glob(), which srsinv does not support: name the "
+            f"options, as {key}=A,B with -m",
         )
         _check_word(override, root)
     with refusing():
@@ -80,8 +81,9 @@ def _check_parsable(override: str) -> None:
     deepest = max(levels, default=0)
     refuse(
         deepest > DEEPEST or len(override) > MOST_CHARACTERS,
-        f"{echo(override)} has {len(override)} characters in {deepest} levels of brackets: give "
-        f"at most {MOST_CHARACTERS} in {DEEPEST}, or a file of your own with --config-dir FOLDER.",
+        f"{echo(override)} has {len(override)} characters in {deepest} levels of "
+        f"brackets, more than {MOST_CHARACTERS} in {DEEPEST}: put it in a file of "
+        "options and give --config-dir FOLDER.",
     )
     try:
         is_text = "\0" not in override and bool(override.encode())
@@ -89,7 +91,8 @@ def _check_parsable(override: str) -> None:
         is_text = False
     refuse(
         not is_text and override != "",
-        f"{echo(override)} holds characters that are no text (UTF-8): rename what it names.",
+        f"{echo(override)} contains bytes that are not UTF-8 text: rename the file or "
+        "folder that it names.",
     )
 
 
@@ -116,12 +119,12 @@ def _unreadable(text: str) -> str:
     key, _, value = text.partition("=")
     if re.fullmatch(r"\+{0,2}[\w./@]+", key) and value.isprintable() and value.strip("'\""):
         return (
-            f"cannot read '{text}' as key=value; a text with brackets, =, ~ or letters beyond "
-            f"ASCII is typed in two kinds of quotation marks: {_as_shell_text(key, value)}"
+            f"cannot read '{text}' as key=value; a text with brackets, =, ~ or non-ASCII "
+            f"letters needs two kinds of quotation marks: {_as_shell_text(key, value)}"
         )
     return (
-        f"cannot read '{text}' as key=value; "
-        "write one, quoting what holds spaces or brackets: 'key=\"some text\"'"
+        f"cannot read '{text}' as key=value; put a value with spaces or brackets in "
+        "quotes: 'key=\"some text\"'"
     )
 
 

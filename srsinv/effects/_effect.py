@@ -30,11 +30,14 @@ class Order(IntEnum):
 
 
 class Effect(eqx.Module):
-    """A departure from the ideal sensor.
+    """Base of effects: an edit of a scenario that departs from the ideal sensor.
 
-    `order`: when it is added. `of_sensor`: whether it belongs to the sensor and its skin, so that
-    recordings are inverted with it too; else to a simulated scene and its recording. `is_exact`:
-    whether its `factor` is its whole effect.
+    - `order`: when it is added, a member of `srsinv.effects.Order`.
+    - `of_sensor`: whether it belongs to the sensor and its skin, so that recordings are inverted
+      with it too; else to a simulated scene and its recording.
+    - `is_exact`: whether its `factor` is its whole effect.
+
+    `apply` is to be defined.
     """
 
     order: ClassVar[Order] = Order.RECORD
@@ -130,8 +133,9 @@ def add_effects(scenario: Scenario, named: Mapping[str, Effect]) -> Scenario:
         of_kind(f"effects.{name}", effect, Effect, "an effect, as srsinv.effects has them")
         refuse(
             effect.is_defined_in(scenario),
-            f"effects names {name}, and skin defines another one ({scenario.sensor.skin.words}): "
-            "leave the effect out, or take skin=half_space.",
+            f"effects names {name}, but skin defines one already "
+            f"({scenario.sensor.skin.words}): leave the effect out, or give "
+            "skin=half_space.",
         )
         what, wanted = f"what effects.{name} makes", "the scenario with the effect"
         made = of_kind(what, effect.apply(scenario), Scenario, wanted)

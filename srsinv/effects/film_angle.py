@@ -35,7 +35,7 @@ class FilmAngle(Effect):
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
         # Half the difference of the weights of sigma_x and sigma_z, and half that of tau_xz, turn
-        # by twice the angle (docs/physics.md, section 3).
+        # by twice the angle (docs/explanation/physics/film.md).
         along, through, shear, across = reference.weights.T
         half, turn = (along - through) / 2, 2 * float(self.tilt_rad)
         less = half * (np.cos(turn) - 1) - shear / 2 * np.sin(turn)

@@ -12,7 +12,7 @@ from ._reference import ReferenceSpectra
 
 
 class StripWidth(MultiplicativeEffect):
-    """Every element averages over its width in the sensor (docs/physics.md, section 3)."""
+    """Every element averages over its width in the sensor (docs/explanation/physics/film.md)."""
 
     order: ClassVar[Order] = Order.FILM
     of_sensor: ClassVar[bool] = True

@@ -30,13 +30,15 @@ class ViscoelasticSkin(Effect):
         for name, values in (("fractions", fractions), ("times_s", times_s)):
             key = f"effects.viscoelastic_skin.{name}"
             listed = isinstance(values, list | tuple) and len(values) > 0
-            refuse(not listed, f"{key} is {echo(values)}: give a list of numbers, one a term.")
+            refuse(
+                not listed, f"{key} is {echo(values)}: give a list of numbers, one for each term."
+            )
             for value in values:
-                number(key, value, "positive numbers, one a term", above=0)
+                number(key, value, "positive numbers, one for each term", above=0)
         refuse(
             len(fractions) != len(times_s),
-            f"effects.viscoelastic_skin has {len(fractions)} fractions and {len(times_s)} times_s: "
-            "give one of each for every term.",
+            f"effects.viscoelastic_skin has {len(fractions)} fractions and {len(times_s)} "
+            "times_s: give as many of one as of the other.",
         )
         self.fractions, self.times_s = as_real(fractions), as_real(times_s)
 

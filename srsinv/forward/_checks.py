@@ -29,8 +29,8 @@ def check_poles(filter: Filter) -> None:
     fits = np.all(np.real(poles) < 0) and np.all(np.abs(np.abs(poles) - 1) < SAME)
     refuse(
         not (poles.size and fits) or bool(np.any(separations < SAME) or np.any(unpaired)),
-        f"{name} is {echo(filter.poles)}: give one or more, each once, of modulus 1 and a "
-        "negative real part, complex ones with their conjugates.",
+        f"{name} is {echo(filter.poles)}: give distinct poles of modulus 1 with "
+        "negative real parts, complex ones in conjugate pairs.",
     )
 
 

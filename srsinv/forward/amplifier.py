@@ -16,9 +16,12 @@ from ..grid import Scalar, as_real
 
 
 class Amplifier(eqx.Module):
-    """A linear readout of the film charge [C].
+    """Base of amplifiers: the signal is a gain times a derivative of the film's charge along x.
 
-    `offset`: the signal at zero charge; None where it is not known.
+    - `order`: of the derivative, 0 for charge [C] and 1 for current [A].
+    - `unit`: of the signal. `offset`: the signal at zero charge; None where it is not known.
+
+    `gain` is to be defined.
     """
 
     order: ClassVar[int]
@@ -80,9 +83,8 @@ class IntegratedCurrent(Amplifier):
     def gain(self, speed_m_per_s: Float[Any, "*sample"]) -> Float[Any, "*sample"]:
         refuse(
             speed_m_per_s.ndim > 0,
-            "The integral of the signal along x (amplifier=integrated) has no meaning along a "
-            f"measured motion of {speed_m_per_s.size} samples, which may stop and turn back: use "
-            "amplifier=current, or a constant speed.",
+            "amplifier=integrated needs a constant speed, not a measured motion of "
+            f"{speed_m_per_s.size} samples: give amplifier=current, or a constant speed.",
         )
         return self.feedback_resistance_ohm * speed_m_per_s
 

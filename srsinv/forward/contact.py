@@ -6,7 +6,7 @@ the window, and the mean pressure is given; the skin as a whole moves freely. Th
     gap = w + const - h >= 0,  p >= 0,  p gap = 0,  mean p = nominal.
 
 At nu = 1/2 shear does not move the surface normally (no Dundurs coupling), so that friction leaves
-p alone (docs/physics.md, section 10).
+p alone (docs/explanation/physics/contact.md).
 """
 
 from typing import NamedTuple
@@ -72,18 +72,17 @@ class Contact(eqx.Module):
         messages = []
         if not self.converged:
             messages.append(
-                f"The contact is not converged: after {int(self.iterations)} iterations the gap is "
-                f"off by {float(self.residual):.2g} of the skin's displacement, so that the "
-                "pressure is not that of the surface: take a skin that is less stiff beside what "
-                "lies below it, or wider cells."
+                f"The contact is not converged: after {int(self.iterations)} iterations the gap "
+                f"has an error of {float(self.residual):.2g} of the skin's displacement, and the "
+                "pressure is wrong. Use wider cells, or a first layer that is less stiff compared "
+                "with the layer below."
             )
         if self.wake is not None and self.wake.is_much:
             messages.append(
-                "The skin has not recovered when the window repeats, so that the contact meets "
-                f"its own wake: {float(self.wake.missing_fraction[0]):.0%} of the friction that "
-                "its lag makes "
-                "is missing, and the pressure lies too far back. Leave scene.contact_windows at "
-                "null, or give a longer grid.length_m."
+                "The skin has not recovered when the window repeats, so the contact meets its own "
+                f"wake: {float(self.wake.missing_fraction[0]):.0%} of the friction by its lag is "
+                "missing, and the pressure lies too far back. Set scene.contact_windows=null, or a "
+                "longer grid.length_m."
             )
         return tuple(messages)
 
@@ -168,6 +167,7 @@ def refuse_both_ways(skin: Skin) -> None:
     for."""
     refuse(
         is_lagging(skin),
-        "The motion turns back, and a skin that relaxes is known in steady sliding one way: leave "
-        "out viscoelastic_skin, or what turns the motion back.",
+        "A viscoelastic skin is modelled for sliding in one direction, but the "
+        "motion turns back: leave out viscoelastic_skin, or the effect that turns "
+        "the motion back.",
     )

@@ -59,8 +59,8 @@ def press_with_wake(
     ends_touch = bool(own.touching[0] | own.touching[-1])
     refuse(
         windows not in (None, 1) and ends_touch,
-        f"scene.contact_windows is {windows}, but the skin touches at the window's ends, and can "
-        "not be free beyond them: leave it at null, or give a longer grid.length_m.",
+        f"scene.contact_windows is {windows}, but the skin touches the window's ends: "
+        "leave it null, or give a longer grid.length_m.",
     )
     if ends_touch:
         return own

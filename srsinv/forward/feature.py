@@ -82,8 +82,8 @@ class ShapeFamily(_Module):
     """Shapes that differ in parameters, each looked for in a range.
 
     `search_ranges`: ranges that are not the default, (name, (least, greatest)), given for each
-    parameter as `position_range_m`, `width_range_m`, `duty_range` and so on. Fields that a family
-    of one's own declares are given by their names.
+    parameter as `position_range_m`, `width_range_m`, `duty_range` and so on. Fields that a
+    family of your own declares are given by their names.
     """
 
     axes: ClassVar[Mapping[str, Axis]]
@@ -95,8 +95,8 @@ class ShapeFamily(_Module):
         return default | dict(self.search_ranges)
 
     def axis_starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
-        """Values of each parameter of the shape to start from. Raises `BadInput` for a family of
-        one's own that has none."""
+        """Values of each parameter of the shape to start from. Raises `BadInput` for a family
+        that defines none."""
         ranges = self.ranges(stretch)
         values = {name: axis.starts(ranges[name], stretch) for name, axis in self.axes.items()}
         for name, each in values.items():
@@ -112,9 +112,8 @@ class ShapeFamily(_Module):
         count = math.prod(map(len, tried.values()))
         refuse(
             count > most,
-            f"The scan is {stretch.length_m:.6g} m long, {stretch.length_m / stretch.depth_m:.0f} "
-            f"times the film's depth, and a search over it would try {count} shapes of "
-            f"{type(self).__name__}, above the limit of {most}: check the positions for "
+            f"A search for {type(self).__name__} over {stretch.length_m:.6g} m would try "
+            f"{count} shapes, above the limit of {most}: check the positions for "
             f"outliers, or give narrower ranges ({', '.join(map(range_name, self.axes))}).",
         )
 
@@ -154,12 +153,14 @@ class ShapeFamily(_Module):
 
 
 class Feature(ShapeFamily):
-    """A family of profiles.
+    """Base of features of traction: a family of load profiles to fit to a signal, with q = mu p.
 
-    - `search_ranges`: see [`ShapeFamily`][].
-    - `friction`: mu in q = mu p, of either sign, where it is known; None lets it be fitted.
+    - `friction`: mu, of either sign, where it is known; None lets it be fitted.
+    - `position_range_m`, `width_range_m`, ...: (least, greatest) of a parameter of `axes`, where it
+      is searched; None: everywhere in the scan. They are kept in `search_ranges`.
 
-    Raises `BadInput` for a range that is none, or not of the feature's parameters.
+    `axes` and `profile` are to be defined. Raises `BadInput` for a range that is none, or not of
+    the feature's parameters.
     """
 
     is_of_surface: ClassVar[bool] = False  # acts on the skin by itself, not through contact
@@ -212,7 +213,15 @@ class LineFeature(Feature):
 
 
 class StripFeature(Feature):
-    """A uniform pressure on a strip."""
+    """A strip of uniform pressure with friction, to be fitted.
+
+    - `friction`: mu in q = mu p, where it is known; None lets it be fitted.
+    - `position_range_m`, `width_range_m` [m]: (least, greatest) that are searched; None: the scan,
+      and from a tenth of the film's depth to the scan's length.
+
+    A fit reports `position_m`, `width_m` [m], `pressure_Pa` [Pa] and `friction`. Raises `BadInput`
+    for a range that is none, and for other keys.
+    """
 
     axes: ClassVar[Mapping[str, Axis]] = {"position_m": POSITION, "width_m": _WIDTH}
 
@@ -266,9 +275,10 @@ def range_name(parameter: str) -> str:
 def _range(name: str, given: Any, limits: Range) -> Range:
     pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
     if not pair or not given[0] < given[1] or not (limits[0] < given[0] and given[1] < limits[1]):
-        room = "" if limits[0] == -math.inf else f" between {limits[0]:g} and {limits[1]:g}"
+        room = "" if limits[0] == -math.inf else f" above {limits[0]:g}"
+        room += "" if limits[1] == math.inf else f" and below {limits[1]:g}"
         raise BadInput(
             f"feature.{name} is {echo(given)}: give [least, greatest]{room} in SI units, or null "
-            "to look everywhere."
+            "to search everywhere."
         )
     return float(given[0]), float(given[1])

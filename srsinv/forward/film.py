@@ -37,9 +37,11 @@ def _length(name: str, value) -> Float[Array, ""]:
 
 
 class LineEffect(eqx.Module):
-    """A shift-invariant effect along x, in both domains.
+    """Base of effects along a film's line: the same all along x, as a factor over wavenumbers k and
+    as a change of the kernel over x.
 
-    `averages_samples`: whether it is a mean over samples, which lie along a line at constant speed.
+    `transfer` and `spread` are to be defined. `averages_samples`: whether it is a mean over
+    samples, which lie along a line at constant speed.
     """
 
     averages_samples: ClassVar[bool] = False
@@ -64,8 +66,8 @@ class LineEffect(eqx.Module):
         """
         del factor
         raise BadInput(
-            f"{type(self).__name__} is not known to turn with oblique features: leave it out of "
-            "effects."
+            f"{type(self).__name__} does not support oblique_features: leave one of them "
+            "out of effects."
         )
 
     def quadrature(self, nodes: int) -> tuple[Float[Array, " node"], Float[Array, " node"]]:
@@ -76,8 +78,7 @@ class LineEffect(eqx.Module):
         """
         del nodes
         raise BadInput(
-            f"{type(self).__name__} is not known as a sum over shifts, which a circle takes: leave "
-            "it out of effects."
+            f"{type(self).__name__} cannot be simulated on a circle: leave it out of effects."
         )
 
 
@@ -113,9 +114,9 @@ class StripAverage(LineEffect):
     def spread(self, kernel: Kernel) -> Kernel:
         refuse(
             self.panels > MOST_PANELS,
-            f"A strip or a cell is wider than {(self.panels - 1) * PANEL_DEPTHS:g} depths of the "
-            f"film, and the mean over it on the open line takes up to {MOST_PANELS * PANEL_DEPTHS} "
-            "depths: give a smaller width, a deeper film or a periodic line.",
+            f"A strip or a cell is wider than {(self.panels - 1) * PANEL_DEPTHS:g} film "
+            f"depths, where an open line takes {MOST_PANELS * PANEL_DEPTHS}: give a "
+            "smaller width, a deeper film or grid.line=periodic.",
         )
         # 64 nodes are enough for a width of up to ten depths.
         nodes, weights = np.polynomial.legendre.leggauss(self.nodes)
@@ -206,12 +207,13 @@ class Piezo(eqx.Module):
 
 
 class Film(eqx.Module):
-    """One film element.
+    """One element of piezoelectric film.
 
     - `depth_m` [m]: below the skin's surface; `angle_rad` [rad]: axis 1 turned from +x toward +z.
     - `width_m` [m] times `length_m` [m]: electrode area of one strip; `strips`: how many are
-      laminated (their charges add). `offset_m` [m]: where it sits beside the sensor's origin: it
-      is read at x(t) + offset_m.
+      laminated (their charges add).
+    - `offset_m` [m]: of the element from the sensor's origin along x; its signal at the time t is
+      that of the place x(t) + offset_m.
     - `piezo`: piezoelectric constants, those of PVDF by default.
     - `effects`: effects along the line; empty for an ideal thin strip, whose width is a part of the
       area alone. [`with_strip_average`][] adds the mean over the width.
@@ -254,7 +256,7 @@ class Film(eqx.Module):
         wanted = f"a length in metres, from {-MOST_OFFSET_M:g} to {MOST_OFFSET_M:g}"
         within = {"least": -MOST_OFFSET_M, "most": MOST_OFFSET_M}
         self.offset_m = as_real(number("sensor offset_m", offset_m, wanted, **within))
-        wanted = "a whole number, as an element has at least 1 strip"
+        wanted = "a whole number from 1"
         self.strips = whole("sensor strips", strips, wanted, least=1)
         self.piezo = Piezo() if piezo is None else piezo
         self.effects, self.is_backward = tuple(effects), is_backward

@@ -35,7 +35,7 @@ _REAL = 1e-12  # imaginary part of a pole that has none but for round-off
 
 
 class Filter(eqx.Module):
-    """A linear filter in time with gain 1 at frequency 0.
+    """Base of filters: linear in time, with gain 1 at frequency 0.
 
     - `time_scale_s` [s]: T, with which the poles scale.
     - `poles`: all of them times T, each once and of modulus 1; complex ones come in pairs.
@@ -55,8 +55,8 @@ class Filter(eqx.Module):
     def along(self, speed_m_per_s: Float[Array, ""], depth_m: Float[Array, ""]) -> "Lag":
         """The filter along the line, at constant speed, for a film at this depth.
 
-        On the open line it holds for u T up to what was given, and where that is traced up to a
-        quarter of the depth: beyond, the signal is NaN.
+        On the open line the quadrature is made for the lag u T of the given values. Of traced
+        values it is made for lags up to a quarter of the depth; the signal of a longer one is NaN.
         """
         given = (speed_m_per_s, self.time_scale_s, depth_m)
         if any(isinstance(value, Tracer) for value in given):
@@ -167,9 +167,9 @@ class Lag(LineEffect):
         panels, _, nodes = _panels(poles, depths)
         refuse(
             panels * nodes > MOST_NODES,
-            f"The filter's time scale at this speed is up to {depths:g} depths of the film, and "
-            f"takes {panels * nodes} nodes on the open line where {MOST_NODES} are the most: give "
-            "a faster filter, a lower speed or a periodic line.",
+            f"The filter's time scale is up to {depths:g} film depths at this speed, too "
+            "long for an open line: give a faster filter, a lower speed or "
+            "grid.line=periodic.",
         )
         time, weights = _quadrature(poles, depths)
         length = self.speed_m_per_s * self.filter.time_scale_s
@@ -208,8 +208,8 @@ def even_interval(time_s: Float[Array, " sample"]) -> Float[Array, ""]:
         allowed = UNEVEN * mean + 2 * np.finfo(time.dtype).eps * np.abs(time).max()
         refuse(
             bool(abs(each[at] - mean) > allowed),
-            f"scan.time_s goes on by {each[at]:.6g} s after sample {at + 1} and by {mean:.6g} s in "
-            f"the mean, but filters need intervals even to {UNEVEN:g} of it: resample the motion "
+            f"scan.time_s steps by {each[at]:.6g} s after sample {at + 1}, but by "
+            f"{mean:.6g} s on average, and filters need even steps: resample the motion "
             "at even times, or leave the sensor's filters out.",
         )
     return (time_s[-1] - time_s[0]) / (time_s.size - 1)

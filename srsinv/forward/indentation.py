@@ -39,15 +39,14 @@ class Indentation:
     def __init__(self, edge: KnifeEdge, skin: Skin, depth_m: float):
         refuse(
             float(edge.radius_m) == 0,
-            "edge radius_m is 0, and a line load goes infinitely far into the skin: prescribe the "
-            "load, or give the edge a radius.",
+            "edge radius_m is 0, and a line load indents without limit: prescribe the "
+            "load, or give a radius above 0.",
         )
         self.edge, self.skin, self.height_m = edge, skin.sliding_at(0.0), depth_m
         refuse(
             not has_indentation(edge, skin, depth_m),
-            f"A displacement of the edge is prescribed on a skin without a rigid core "
-            f"({skin.words}), where the indentation under a line load is not defined in plane "
-            "strain: prescribe the load, or take layers on a rigid core, as skin=layered.",
+            f"A prescribed displacement needs a skin on a rigid core, not {skin.words}: "
+            "prescribe the load, or give layers on a rigid core, as skin=layered.",
         )
         self.modulus_Pa = contact_modulus_Pa(self.skin)
         log_k = np.arange(np.log(_LONGEST), np.log(_SHORTEST), _LN_STEP)
@@ -81,7 +80,7 @@ class Indentation:
         wanted = np.asarray(indentation_m, float)
         refuse(
             bool(np.max(wanted) > np.exp(along[-1])),
-            f"The edge is to go {np.max(wanted):.3g} m into the skin, which takes more than "
+            f"An indentation of {np.max(wanted):.3g} m needs more than "
             f"{4 * most_N_per_m:.3g} N/m: give a smaller amplitude.",
         )
         touches = wanted > np.exp(along[0])

@@ -4,7 +4,7 @@ What layers add to a half space has no closed form in x. It is sampled at wavenu
 to places, that are both even in their logarithms, as stacks have lengths of all sizes. One rule
 serves all places: the trapezoidal rule for the integral of F(kappa) exp(i kappa xi) d ln(kappa),
 ended smoothly. As F is analytic about the positive axis, what is cut off is exponentially small
-(docs/physics.md, section 11).
+(docs/explanation/physics/layers.md).
 """
 
 from collections.abc import Callable

@@ -186,8 +186,8 @@ def contact_modulus_Pa(skin: Skin) -> float:
     modulus = 2 / (_SHORT_WAVE * float(at_rest)) if at_rest else np.nan
     refuse(
         not np.isfinite(modulus) or modulus <= 0,
-        f"The skin ({skin.words}) has no compliance to short waves, which the contact of an edge "
-        "needs: give a radius of 0, or a skin with compliance(k) > 0.",
+        f"The skin ({skin.words}) has no compliance to short waves, which an edge of "
+        "finite radius needs: give radius_m 0, or a skin with compliance(k) > 0.",
     )
     return modulus
 

@@ -5,7 +5,7 @@ u_x = i s U, w, tau_xz = i s T and sigma_z = S with s = sign(k), so that U, w, T
 by K <- (P11 K - P12) A^-1, A = P22 - P21 K, P the layer's transfer matrix. Products of such
 matrices cancel in thick layers and in thin ones. Their 2x2 minors do not (Dunkin 1965): det A times
 (1, K, det K) of the top is linear in (1, K, det K) of the bottom, with coefficients in closed form
-that need no differences (docs/physics.md, section 11).
+that need no differences (docs/explanation/physics/layers.md).
 """
 
 from collections.abc import Sequence

@@ -1,5 +1,5 @@
-"""Bonded elastic layers over a half space or a rigid core, in plane strain (docs/physics.md,
-section 11)."""
+"""Bonded elastic layers over a half space or a rigid core, in plane strain
+(docs/explanation/physics/layers.md)."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any, cast

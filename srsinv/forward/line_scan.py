@@ -35,9 +35,8 @@ def integrated_scan(
     count = int(np.ceil((high - low) / cell)) + 12
     refuse(
         count > MOST_LINE_CELLS,
-        f"Positions and load go over {high - low:.3g} m, {count} cells of a hundredth of the "
-        f"film's depth, where {MOST_LINE_CELLS} are the most: give a shorter range, or a deeper "
-        "film.",
+        f"Positions and load extend over {high - low:.3g} m, which needs {count} "
+        f"cells, more than {MOST_LINE_CELLS}: give a shorter range, or a deeper film.",
     )
     line = Open(count, cell, low - 6 * cell)
     traction = jnp.stack([LineLoad(each).cell_values(line) for each in load_N_per_m])

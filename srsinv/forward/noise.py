@@ -26,7 +26,11 @@ MOST_DB = 300  # beyond, float64 has no digit of the smaller one of signal and n
 
 
 class Noise(eqx.Module):
-    """One cause of noise; `needs_noise_free_signal`: whether it has no meaning for a recording."""
+    """Base of noises: one cause of noise, by its power over the wavenumbers of a line.
+
+    `spectrum` is to be defined. `needs_noise_free_signal`: whether its level follows from the
+    signal without noise, so that it has no meaning for a recording.
+    """
 
     needs_noise_free_signal: ClassVar[bool] = False
 
@@ -81,7 +85,12 @@ class White(Noise):
 
 
 class SignalToNoise(Noise):
-    """White noise at `snr_dB` = 20 log10(rms signal over all elements / rms noise)."""
+    """White noise at a stated ratio of signal to noise.
+
+    - `snr_dB` [dB]: 20 log10(rms of the noise-free signal over all elements / rms of the noise).
+
+    Raises `BadInput` for what is no number from -300 to 300.
+    """
 
     needs_noise_free_signal: ClassVar[bool] = True
     snr_dB: Float[Array, ""]

@@ -2,8 +2,8 @@
 
 The features' normal xi makes the angle phi with the sliding direction x; eta runs along them. All
 fields depend on xi alone, so that xi is the coordinate of the line. The stress is plane strain in
-(xi, z) and antiplane shear along eta, turned back into the sensor's frame (docs/physics.md, section
-13).
+(xi, z) and antiplane shear along eta, turned back into the sensor's frame
+(docs/explanation/physics/oblique.md).
 """
 
 import math

@@ -19,7 +19,9 @@ MAX_INTERVAL_ROUNDING = 1e-3  # of the shortest interval: what rounding the time
 
 
 class ConstantSpeed(eqx.Module):
-    """Sliding at u = `speed_m_per_s` [m/s]: x(t) = x0 + u t, d/dt = u d/dx (the paper's (3)).
+    """A scan at constant speed: x(t) = x0 + u t, so that d/dt = u d/dx (Howe 1993, (3)).
+
+    - `speed_m_per_s` [m/s]: u.
 
     A negative speed slides towards -x, and friction turns with it. Zero is a static touch: the rate
     signal is then zero. Raises `BadInput` for a speed that is not finite.
@@ -60,7 +62,7 @@ class ConstantSpeed(eqx.Module):
 
 
 class Motion(eqx.Module):
-    """Sliding as measured: where the sensor stands, x(t), and how fast it moves, u(t) = dx/dt.
+    """A measured motion: position x(t) and speed u(t) = dx/dt of the sensor at every sample.
 
     - `time_s` (sample,) [s]: strictly increasing, from any origin, evenly spaced or not. Stored
       from the first sample on where the origin is so far off that the working precision would round

@@ -19,11 +19,15 @@ def _noises(given: Any) -> tuple[Noise, ...]:
 
 
 class Scenario(eqx.Module):
-    """A scene, the sensor that slides over it, and the recorder of its signal.
+    """A scenario: a scene, the sensor that slides over it, its motion, noise and recorder.
 
-    Effects are added to it one by one (srsinv/effects); one that is not added costs
-    nothing. `scene` is None where only the sensor is needed. Raises `BadInput` for a part that is
-    of another kind.
+    - `scene`: a `TractionScene` or a `SurfaceScene`; None where only the sensor is needed.
+    - `sensor`: a `Sensor`. `scan`: a `ConstantSpeed`.
+    - `noises`: a list of noises, as `[SignalToNoise(40)]`; none by default.
+    - `recorder`: sampling and its limits; by default one exact sample for each cell.
+
+    Effects are added one by one: `effect.apply(scenario)` gives the edited scenario. An effect that
+    is not added costs nothing. Raises `BadInput` for a part of another kind.
     """
 
     scene: Scene | None

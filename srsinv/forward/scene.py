@@ -20,7 +20,10 @@ from .traction import FrictionStep, Pressure
 
 
 class Scene(eqx.Module):
-    """A scene for the finger to slide over, with Coulomb friction q = sign(u) mu(x) p."""
+    """Base of scenes: pressure p(x) [Pa] and Coulomb friction q = sign(u) mu(x) p.
+
+    `friction`, `background` and `pressure` are to be defined.
+    """
 
     @abc.abstractmethod
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:
@@ -94,7 +97,7 @@ def _deviation(scene: Scene, p, line: Line, direction: Scalar, periodic: bool):
 
 
 class TractionScene(Scene):
-    """Features of pressure over a background.
+    """A scene of given traction: pressure profiles and steps of friction over a background.
 
     - `background_pressure_Pa` [Pa] and `base_friction`: values without any feature.
     - `pressures`: added to the background; `frictions`: added to the base, of either sign.
@@ -141,7 +144,9 @@ class TractionScene(Scene):
 
 
 class SurfaceScene(Scene):
-    """Shapes on a plate of friction `base_friction`, pressed on by a skin.
+    """A scene of a surface: shapes on a plate, which a skin is pressed onto and slides over.
+
+    - `surfaces`: the shapes; their heights add up. `base_friction`: mu of the plate.
 
     - `nominal_pressure_Pa` [Pa]: the mean over the line's window, with which the surface repeats.
     - `contact_windows`: how many such windows the contact repeats with, the skin free in all but
@@ -172,13 +177,16 @@ class SurfaceScene(Scene):
         self.surface = Surface(surfaces, base_friction)
         skin = HalfSpace() if skin is None else skin
         self.skin = of_kind("skin", skin, Skin, "a skin, such as HalfSpace()")
-        key, wanted = "scene.contact_windows", "a whole number from 1, or null to let the skin tell"
+        key, wanted = (
+            "scene.contact_windows",
+            "a whole number from 1, or null to choose it automatically",
+        )
         if contact_windows is not None:
             contact_windows = whole(key, contact_windows, wanted, least=1)
         refuse(
             contact_windows not in (None, 1) and self._goes_on,
-            f"{key} is {contact_windows}, but the surface goes on beyond its window, where the "
-            "skin would be free: leave it at null, or give a longer grid.length_m.",
+            f"{key} is {contact_windows}, but the surface continues beyond its window: "
+            "leave it null.",
         )
         self.contact_windows = contact_windows
 

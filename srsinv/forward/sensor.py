@@ -86,13 +86,16 @@ def two_orientations() -> tuple[Film, ...]:
 
 
 class Sensor(eqx.Module):
-    """Film elements in a skin, read by one kind of amplifier, then by `filters` in their order.
+    """A sensor: film elements in a skin, read by one kind of amplifier and by filters.
 
-    What is not given is the command's default: two strips at right angles ([`two_orientations`][]),
-    a homogeneous half space, a current amplifier and no filter.
+    - `elements`: a list of `Film`s; None: two strips at right angles ([`two_orientations`][]).
+    - `skin`: a `srsinv.kinds.Skin`; None: a homogeneous half space.
+    - `amplifier`: a `srsinv.kinds.Amplifier`; None: a current amplifier.
+    - `filters`: a list of `srsinv.kinds.Filter`s, in their order; none by default.
 
-    Its stages, `stress()` to `output(scan)`, act on any line; `operator` and `operator_along` map
-    traction (2, n) on one to what is recorded. Raises `BadInput` when there is no element.
+    These defaults are the command's. `operator(line, scan)` and `operator_along(line, motion)` map
+    traction (2, n) [Pa] on a line to signals (element, sample). Raises `BadInput` for no element,
+    and for parts of another kind.
     """
 
     skin: Skin
@@ -135,7 +138,8 @@ class Sensor(eqx.Module):
         """Raises `BadInput` unless there are so many film elements, one or two."""
         elements, name = len(self.elements), {1: "one_element", 2: "two_element"}[count]
         refuse(
-            elements != count, f"sensor has {elements} elements: give {count}, use sensor={name}."
+            elements != count,
+            f"sensor has {elements} elements, but this job needs {count}: give sensor={name}.",
         )
 
     @property

@@ -29,7 +29,10 @@ class EdgeFriction(eqx.Module):
 
 
 class Shape(eqx.Module):
-    """One shape on a surface. `is_periodic`: whether it goes on beyond the window for ever."""
+    """Base of shapes on a surface: a height [m] along x, positive into the finger.
+
+    `height` is to be defined. `is_periodic`: whether the shape goes on beyond the window for ever.
+    """
 
     is_periodic: ClassVar[bool] = False
 
@@ -60,8 +63,8 @@ def follows(value: Any) -> str:
     """One of `FOLLOWS`."""
     refuse(
         value not in FOLLOWS,
-        f"friction_follows is {echo(value)}: give motion (the leading edge of each direction) or "
-        "edge (the same edge both ways).",
+        f"friction_follows is {echo(value)}: give motion (the edge met first is "
+        "leading) or edge (edges keep their friction).",
     )
     return value
 

@@ -1,4 +1,4 @@
-"""A scene felt by a sensor, on a line of cells and on a finer one: its signal."""
+"""The signal of a scene, simulated on a line of cells and on a finer one."""
 
 import dataclasses
 
@@ -23,7 +23,7 @@ SAME_RATE = 1e-6  # by which rates differ that only rounding tells apart
 
 
 class Simulation(eqx.Module):
-    """A scene felt by a sensor, on a line and on one that is `refinement` times finer.
+    """A scene and a sensor, on a line and on one that is `refinement` times finer.
 
     The signal comes from the finer line, so that what inverts it is not what made it. On the open
     line the traction is the deviation from the background, which has no end to feel.
@@ -40,7 +40,7 @@ class Simulation(eqx.Module):
 
     @property
     def scene(self) -> Scene:
-        """What is felt."""
+        """The scene that the sensor slides over."""
         assert self.scenario.scene is not None
         return self.scenario.scene
 

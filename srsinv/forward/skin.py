@@ -1,8 +1,8 @@
 """Subsurface stress of a skin in plane strain under traction on its surface.
 
-Frame and signs as in docs/physics.md: x along the sliding direction, z into the finger, tension
-positive, p > 0 pushes into the finger, q > 0 acts along +x on the finger. Rows are always
-(sigma_x, sigma_z, tau_xz, sigma_y), columns the traction components (p, q).
+Frame and signs as in docs/explanation/physics/signs.md: x along the sliding direction, z into the
+finger, tension positive, p > 0 pushes into the finger, q > 0 acts along +x on the finger. Rows are
+always (sigma_x, sigma_z, tau_xz, sigma_y), columns the traction components (p, q).
 """
 
 import abc
@@ -22,7 +22,7 @@ STRESSES = ("sigma_x", "sigma_z", "tau_xz", "sigma_y")
 
 
 class Skin(eqx.Module):
-    """The skin between the surface and the film: its subsurface stress and surface compliance.
+    """Base of skins: subsurface stress at the film, and compliance of the surface.
 
     Stress is that at `depth_m` in Pa per Pa of traction (p, q); x [m] is the film's position from
     the middle of the load.
@@ -103,10 +103,11 @@ def _transfer(skin: Skin, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> A
 
 
 class HalfSpace(Skin):
-    """A homogeneous elastic half space: no modulus enters the in-plane stress.
+    """A homogeneous elastic half space, in plane strain (Johnson 1985, 2.5).
 
-    - `poisson_ratio` sets sigma_y = nu (sigma_x + sigma_z); the paper's (4) is nu = 1/2.
-    - `youngs_modulus_Pa` sets the surface's compliance, for contact.
+    - `poisson_ratio`: nu in sigma_y = nu (sigma_x + sigma_z); Howe 1993, (4), has nu = 1/2.
+    - `youngs_modulus_Pa` [Pa]: sets the surface's compliance in contact. The stress under a given
+      traction does not depend on it.
 
     Raises `BadInput` for a ratio outside [0, 1/2] and a modulus that is not positive.
     """
@@ -161,12 +162,13 @@ class HalfSpace(Skin):
 
     def compliance(self, k: Float[Array, " k"]) -> Float[Array, " k"]:
         """The surface's displacement into the finger per unit pressure exp(ikx), 2/(E* |k|) [m/Pa],
-        for k > 0 (docs/physics.md, section 10)."""
+        for k > 0 (docs/explanation/physics/contact.md)."""
         # One by one: the square of a stiff E* k, in the derivative, is beyond single precision.
         return 2 / self.contact_modulus_Pa / jnp.abs(k)
 
     def transfer(self, k: Float[Array, " k"], depth_m: Float[Array, ""]) -> Complex[Array, "4 2 k"]:
-        """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx) (docs/physics.md, section 2)."""
+        """Stress [Pa/Pa] at `depth_m` per unit traction exp(ikx)
+        (docs/explanation/physics/stress.md)."""
         return half_space_stress(jnp, k, depth_m, self.poisson_ratio)
 
     def strip_response(

@@ -25,8 +25,11 @@ ARRIVED = 1e-12  # of the way: the rest is rounding
 
 
 class SpeedProfile(eqx.Module):
-    """The speed's factor over time, smooth but for its bends. After the last bend it is never
-    negative, so that a motion arrives for good."""
+    """Base of speed profiles: a factor on the nominal speed over time, smooth but for its bends.
+
+    `factor`, `bends_s` [s] and `frequency_limit_hz` [Hz] are to be defined. After the last bend the
+    factor is never negative, so that the motion ends at the scan's end.
+    """
 
     @abc.abstractmethod
     def factor(self, time_s, xp: Any = np):
@@ -91,7 +94,7 @@ class Interruption(SpeedProfile):
         wanted = "a time in seconds that is at least 0"
         self.at_s = _concrete(number(f"{self.name}.at_s", at_s, wanted, least=0))
         self.duration_s = _concrete(number(f"{self.name}.duration_s", duration_s, wanted, least=0))
-        wanted = "a positive time in seconds, as no speed jumps"
+        wanted = "a positive time in seconds"
         self.ramp_s = _concrete(number(f"{self.name}.ramp_s", ramp_s, wanted, above=0))
 
     def factor(self, time_s, xp: Any = np):
@@ -141,7 +144,7 @@ def paced(
     number("scan.start_m", start_m, "a finite position in m")
     number("scan.length_m", length_m, "a positive length in metres", above=0)
     number("scan.rate_hz", rate_hz, "a positive rate in samples per second", above=0)
-    wanted = "a speed in m/s other than 0, at which the motion arrives"
+    wanted = "a speed in m/s other than 0"
     number("scan.speed_m_per_s", speed_m_per_s, wanted)
     refuse(speed_m_per_s == 0, f"scan.speed_m_per_s is {speed_m_per_s}: give {wanted}.")
     highest = max((profile.frequency_limit_hz for profile in profiles), default=0.0)
@@ -210,8 +213,9 @@ def _until(
             break
         refuse(
             time.size == MOST_SAMPLES,
-            f"The motion has not arrived for good after {MOST_SAMPLES} samples, {time[-1]:.4g} s: "
-            "lower scan.rate_hz or scan.length_m, raise the speed, or let its profiles end sooner.",
+            f"The motion has not reached its end after {MOST_SAMPLES} samples, at "
+            f"{time[-1]:.4g} s: lower scan.rate_hz or scan.length_m, raise the speed, or "
+            "let its profiles end sooner.",
         )
         samples = min(2 * samples, MOST_SAMPLES - 2)
     count = int(np.flatnonzero(short)[-1]) + 2

@@ -2,7 +2,7 @@
 
 A surface is a sum of shapes on a smooth plate with a base friction. Edges may have a friction of
 their own over a short zone, mu(x) = base + (edge - base) exp(-((x - x_edge)/l)^2); the leading edge
-is the one met first (docs/physics.md, section 10).
+is the one met first (docs/explanation/physics/contact.md).
 """
 
 from collections.abc import Sequence
@@ -202,11 +202,14 @@ class SineWave(Shape):
 
 
 class Rough(Shape):
-    """A random texture of rms height, Gaussian, periodic with the window.
+    """A random rough texture: Gaussian heights, periodic with the window.
 
-    Its power spectrum is flat up to the roll-off wavenumber 2 pi/`longest_m` and falls as
-    k^-(1 + 2 H) from there to 2 pi/`shortest_m`, H the `hurst` exponent: a self-affine profile. The
-    same `seed` gives the same waves on every line that holds the same window, however fine.
+    - `rms_m` [m]: rms of the height.
+    - `longest_m`, `shortest_m` [m]: wavelengths between which the power spectrum falls as
+      k^-(1 + 2 H); it is flat at longer ones. `hurst`: H, from 0 to 1, of a self-affine profile.
+    - `seed`: the same one gives the same waves on every line of the same window, however fine.
+
+    Raises `BadInput` for numbers out of these ranges.
     """
 
     is_periodic: ClassVar[bool] = True

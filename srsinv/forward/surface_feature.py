@@ -59,13 +59,15 @@ def _edge_length(given: Any) -> float | None:
 
 
 class SurfaceFeature(ShapeFamily):
-    """A family of shapes with a height.
+    """Base of features of a surface: a family of shapes to fit to a signal through contact.
 
-    - `search_ranges`: see [`ShapeFamily`][].
-    - `edge_length_m`: over which its edges rise; None where the recording's sidecar gives it.
+    - `edge_length_m` [m]: over which its edges rise; None where the recording's sidecar gives it.
+    - `height_range_m`, `position_range_m`, ...: (least, greatest) of a parameter of `axes`, where
+      it is searched; None: its default. They are kept in `search_ranges`.
 
-    `frictions` are the names of the parameters that enter linearly beside the plate's friction.
-    Raises `BadInput` for a range that is none, or not of the feature's parameters.
+    `axes` and `shape` are to be defined; `frictions` are the names of the parameters that enter
+    linearly beside the plate's friction. Raises `BadInput` for a range that is none, or not of the
+    feature's parameters.
     """
 
     is_of_surface: ClassVar[bool] = True
@@ -90,8 +92,8 @@ class SurfaceFeature(ShapeFamily):
         """The edge length; raises `BadInput` where it is not known."""
         if self.edge_length_m is None:
             raise BadInput(
-                "The length over which edges rise is not known, and the data cannot tell it from "
-                "the width: give the feature's edge_length_m, or feature.edge_length_m in the "
+                "The edge length is not known, and the data do not determine it beside the "
+                "width: give the feature's edge_length_m, or feature.edge_length_m in the "
                 "sidecar."
             )
         return self.edge_length_m
@@ -107,7 +109,16 @@ class SurfaceFeature(ShapeFamily):
 
 
 class RidgeFeature(SurfaceFeature):
-    """A raised strip."""
+    """A ridge: a raised strip on a plate, to be fitted through contact.
+
+    - `edge_length_m` [m]: over which its edges rise, which data cannot tell from the width; None
+      where the recording's sidecar gives it.
+    - `height_range_m`, `width_range_m`, `position_range_m` [m]: (least, greatest) that are
+      searched; None: heights from 1e-7 to 1e-3, and all of the scan. Negative heights are grooves.
+
+    A fit reports `height_m`, `width_m`, `position_m` [m] and `base_friction`. Raises `BadInput` for
+    a range that is none, and for other keys.
+    """
 
     axes: ClassVar[Mapping[str, Axis]] = {
         "height_m": HEIGHT,
@@ -120,9 +131,16 @@ class RidgeFeature(SurfaceFeature):
 
 
 class TapeFeature(SurfaceFeature):
-    """A raised strip whose two edges have a friction of their own.
+    """A tape on a plate: a raised strip whose two edges have a friction of their own, to be fitted
+    (Howe 1993, Fig. 13).
 
-    `friction_follows`: "motion" or "edge", as of a [`Tape`][]. Raises `BadInput` for another word.
+    - `edge_length_m` [m] and ranges as of [`RidgeFeature`][]; `friction_zone_length_range_m` [m]:
+      of the length over which an edge's friction acts.
+    - `friction_follows`: whether an edge's friction goes with the "motion" (leading or trailing) or
+      with the "edge" where the motion turns.
+
+    A fit reports `leading_edge_friction`, `trailing_edge_friction` and `friction_zone_length_m`
+    beside a ridge's parameters. Raises `BadInput` for another word, and as `RidgeFeature` does.
     """
 
     axes: ClassVar[Mapping[str, Axis]] = {

@@ -19,7 +19,7 @@ def _real(name: str, value) -> Float[Array, ""]:
 
 
 class Pressure(eqx.Module):
-    """A pressure profile p(x) [Pa], known by its antiderivative."""
+    """Base of load profiles: a pressure p(x) [Pa], known by its antiderivative `primitive`."""
 
     @abc.abstractmethod
     def primitive(self, x: Float[Array, "..."]) -> Float[Array, "..."]:
@@ -104,7 +104,12 @@ class PressedStrip(Pressure):
 
 
 class UniformStrip(Discontinuous):
-    """Uniform pressure on |x - x0| < W/2."""
+    """Uniform pressure on a strip, |x - `position_m`| < `width_m`/2.
+
+    - `pressure_Pa` [Pa]; `width_m` [m], positive; `position_m` [m]: of the strip's middle.
+
+    Raises `BadInput` for a width that is not positive.
+    """
 
     pressure_Pa: Float[Array, ""]
     width_m: Float[Array, ""]
@@ -238,7 +243,10 @@ class Bars(Discontinuous):
 
 
 class FrictionStep(eqx.Module):
-    """A change of friction by `change` about `position_m`, over `edge_m`: change/2 (1 + tanh)."""
+    """A step of friction along x: change/2 (1 + tanh((x - position_m)/edge_m)).
+
+    - `change`: of mu; `position_m` [m]: of the step; `edge_m` [m]: over which it rises, positive.
+    """
 
     change: Float[Array, ""]
     position_m: Float[Array, ""]

@@ -33,8 +33,8 @@ def gain_at_rest(amplifier: Amplifier) -> float:
     one, two = (float(amplifier.at_speed(as_real(u))) / u**amplifier.order for u in (1.0, 2.0))
     refuse(
         abs(two - one) > SAME_GAIN * abs(one),
-        f"{type(amplifier).__name__} reads along x, and the sensor of a rig rests: take "
-        "amplifier=current or amplifier=charge_dc.",
+        f"{type(amplifier).__name__} integrates along x, but the rig's sensor is at "
+        "rest: give amplifier=current or amplifier=charge_dc.",
     )
     return one
 
@@ -138,7 +138,7 @@ def _noise(scenario: Scenario, signal: Any, rate_hz: float, key: PRNGKeyArray) -
     names = ", ".join(type(each).__name__ for each in scenario.noises)
     refuse(
         bool(others) or bool(np.ptp(values) > SAME_GAIN * np.max(values)),
-        f"noise names one that is correlated along x ({names}), and the sensor "
-        "of a rig rests: take noise=[johnson], [white], [snr] or none.",
+        f"noise names one that is correlated along x ({names}), but the rig's sensor "
+        "is at rest: give noise=[johnson], noise=[white] or noise=[snr].",
     )
     return draw(key, power, *signal.shape)

@@ -23,7 +23,7 @@ class Viscoelastic(Skin):
 
     - `skin`: at rest. `fractions` f_j (mode,) and `times_s` tau_j (mode,).
     - `speed_m_per_s`: u of the finger along +x. The pattern is fixed to the surface, so that for
-      the skin's material d/dt = u d/dx, w = k u (docs/physics.md, section 10).
+      the skin's material d/dt = u d/dx, w = k u (docs/explanation/physics/relaxation.md).
 
     The stress inside is the wrapped skin's, as one factor on all moduli leaves it alone for given
     traction; only the surface's displacement lags. Raises `BadInput` for no mode at all, as many
@@ -52,7 +52,7 @@ class Viscoelastic(Skin):
             "skin.times_s has 0 relaxation times: give at least 1, or the elastic skin alone.",
         )
         self.skin = skin
-        wanted = "a number that is at least 0, of the modulus at rest"
+        wanted = "a number that is at least 0, relative to the relaxed modulus"
         fractions = [
             number(f"skin.fractions[{j}]", each, wanted, least=0)
             for j, each in enumerate(fractions)

@@ -26,7 +26,7 @@ FAILED_RMS = 1.6449 / 0.6745
 # Standard deviations of the root of a chi-square (1 / sqrt(2 dof) each) that count as chance: with
 # fewer than six degrees of freedom they reach beyond `FAILED_RMS`.
 SIGNIFICANT = 5.0
-WITHOUT_BANDS = "The method gives no standard errors: the size of its error is not known."
+WITHOUT_BANDS = "The method gives no standard errors, so the size of its error is unknown."
 BANDS, LEAST_IN_BAND = 16, 8  # of a residual's spectrum, and the least wavenumbers in one
 MEDIAN_VARIANCE = 2.08  # relative, of m exponential variates' median, times m: 1 / log(2)^2
 
@@ -116,9 +116,13 @@ def reasons(status: Status, warnings: Collection[str], has_bands: bool = True) -
 
 
 WRONG_KIND = (
-    "The feature is of another kind, or a fact of the sensor, the speed or the recording is not as "
-    "stated."
+    "Check the kind of the feature, and the stated facts of the sensor, the speed and the "
+    "recording."
 )
+CHECK_SIGNS = (
+    "Check the polarity, the sign of the speed, the channels and recording.nominal_pressure_Pa."
+)
+OR_A_WIDER_PRIOR = "If these are correct, the prior is too narrow, and so is the band."
 ALL_OVER = 1.5  # of the mean power of a residual, up to which it is everywhere alike
 FEW_DOF = 0.01  # of which the number says no more
 LEAST_RESOLVED_DOF = 1.0  # degrees of freedom: with fewer, a component's estimate is its prior
@@ -153,11 +157,11 @@ def prior_alone(
     """
     if resolved_dof >= LEAST_RESOLVED_DOF and explained >= LEAST_EXPLAINED:
         return ()
-    part = f", {max(explained, 0.0):.0%} of its prior's variance" if explained < 1 else ""
+    part = f" ({max(explained, 0.0):.0%} of its prior variance)" if explained < 1 else ""
     return (
         f"The signal resolves {_count(resolved_dof)} of the {cells} degrees of freedom of {name}"
-        f"{part}: most of what is shown of it is the prior, with the prior's band. Where q = mu p, "
-        "give friction=MU; else a further element, or less noise.",
+        f"{part}. The estimate and its band are mostly the prior. If q = mu p, give friction=MU; "
+        "otherwise add an element or reduce the noise.",
     )
 
 
@@ -167,8 +171,9 @@ def shared_out(resolved_dof: float) -> Sequence[str]:
     if resolved_dof >= LEAST_RESOLVED_DOF:
         return ()
     return (
-        "The elements respond to one mix of p and q alone, and the prior divides it between them: "
-        f"the signal resolves {_count(resolved_dof)} degrees of freedom of their difference.",
+        "The elements respond to one mix of p and q only: the signal resolves "
+        f"{_count(resolved_dof)} degrees of freedom of their difference. The prior divides the mix "
+        "between p and q. Give friction=MU, or add an element at another angle.",
     )
 
 
@@ -187,8 +192,8 @@ def pulled_by_prior(name: str, pull: float, resolved_dof: float) -> Sequence[str
     if not pull > max(1.0, MOST_PULL * scipy.special.chdtri(freedom, false_alarm.CHECK) / freedom):
         return ()
     return (
-        f"The prior pulls {name} by {np.sqrt(pull):.2g} times its standard error, so that its band "
-        "is too narrow: take a wider prior (a larger rms or scale=evidence, a smaller weight).",
+        f"The prior shifts {name} by {np.sqrt(pull):.2g} times its standard error, so its band is "
+        "too narrow. Use a wider prior: a larger rms, scale=evidence or a smaller weight.",
     )
 
 
@@ -200,7 +205,7 @@ def negative_pressure(p: np.ndarray, stderr: np.ndarray, resolved_dof: float) ->
     if not below[worst] > -scipy.special.ndtri(false_alarm.CHECK / max(resolved_dof, 1.0)):
         return ()
     words = _pull_in_words(f"p falls to {1e-3 * p[worst]:.3g} kPa", below[worst])
-    return (f"{words} Else the prior allows too little, so that the band is too narrow.",)
+    return (f"{words} {CHECK_SIGNS} {OR_A_WIDER_PRIOR}",)
 
 
 def beyond_modulus(
@@ -221,9 +226,8 @@ def beyond_modulus(
         return ()
     return (
         f"p reaches {1e-3 * peak:.3g} kPa, {peak / modulus_Pa:.2g} times the skin's Young's "
-        "modulus, and no skin stays elastic under so much: a scale is wrong. Check recording.gain, "
-        "the unit of the signal (recording.signal_unit), the film's constants and "
-        "skin.youngs_modulus_Pa.",
+        "modulus. No skin stays elastic under this pressure, so a scale is wrong. Check "
+        "recording.gain, recording.signal_unit, the film's constants and skin.youngs_modulus_Pa.",
     )
 
 
@@ -231,15 +235,19 @@ def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
     """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
     if not -value > -scipy.special.ndtri(false_alarm.CHECK) * stderr:
         return ()
-    return (_pull_in_words(f"{name.replace('_', ' ')} has {value:.3g}", -value / stderr),)
+    words = _pull_in_words(f"{name.replace('_', ' ')} is {value:.3g}", -value / stderr)
+    return (f"{words} {CHECK_SIGNS}",)
+
+
+def without_wiring(warnings: str) -> str:
+    """Warnings on an estimate from simulated signals, without the advice to check a recording's
+    signs and channels: the sensor that made the signals is known."""
+    prior = OR_A_WIDER_PRIOR, "The prior is too narrow, and so is the band."
+    return warnings.replace(f" {CHECK_SIGNS}", "").replace(*prior)
 
 
 def _pull_in_words(what: str, below: float) -> str:
-    return (
-        f"{what}, {below:.2g} standard errors below zero, and a contact cannot pull: "
-        "the polarity or the speed may be of the other sign, a channel may be faulty, or the "
-        "surroundings are pressed on by more (recording.nominal_pressure_Pa)."
-    )
+    return f"{what}, {below:.2g} standard errors below zero, but a contact cannot pull."
 
 
 def residual_over_noise(
@@ -255,8 +263,8 @@ def residual_over_noise(
     ):
         return ()
     return (
-        f"The residual is {np.sqrt(chi2_per_dof):.2g} times the noise, so that bands are too "
-        "narrow: the model leaves out what acts on the signal, or the noise is larger than stated.",
+        f"The residual is {np.sqrt(chi2_per_dof):.2g} times the noise, so the bands are too "
+        "narrow. The model omits an effect on the signal, or the noise is larger than stated.",
     )
 
 
@@ -265,8 +273,8 @@ def unchecked_residual(chi2_per_dof: float | None) -> Sequence[str]:
     if chi2_per_dof is not None:
         return ()
     return (
-        "Chi-square is undefined, so that no residual checks the bands: the fit takes up every "
-        "degree of freedom of the signal.",
+        "Chi-square is undefined: the fit uses every degree of freedom of the signal. No residual "
+        "is left to check the bands.",
     )
 
 
@@ -278,8 +286,8 @@ def beyond_band(name: str, z: float, resolved_dof: float) -> Sequence[str]:
     if not z > max(MOST_Z, np.sqrt(scipy.special.chdtri(freedom, false_alarm.CHECK) / freedom)):
         return ()
     return (
-        f"The error of {name} is {z:.2g} times its standard error (rms, by the known truth): the "
-        "band is too narrow.",
+        f"The error of {name} is {z:.2g} times its standard error (rms, by the known truth), so "
+        "its band is too narrow.",
     )
 
 
@@ -289,8 +297,8 @@ def error_over_truth(error: float) -> Sequence[str]:
     if not error > 1:
         return ()
     return (
-        f"The error of p and q is {error:.3g} times their own size (by the known truth): a uniform "
-        "traction would be nearer.",
+        f"The error of p and q is {error:.3g} times their own size (by the known truth). A uniform "
+        "traction has a smaller error.",
     )
 
 
@@ -299,8 +307,8 @@ def unresolved_waves(name: str, resolution: float) -> Sequence[str]:
     if not resolution > RESOLVED_GAIN:
         return ()
     return (
-        f"The signal resolves {name} down to waves of two cells, so that shorter ones are in it, "
-        "too, and are taken for longer ones: take narrower cells.",
+        f"The signal resolves {name} down to waves of two cells. Shorter waves are in the signal, "
+        "too, and are mistaken for longer ones. Use narrower cells.",
     )
 
 
@@ -325,10 +333,10 @@ def changing_in_runs(
     if resolved_dof < LEAST_RESOLVED_DOF or not ratio > max(MOST_CHANGE, chance):
         return ()
     return (
-        f"Samples are missing in runs of {1e3 * run_m:.2g} mm, where the band of {name} is its "
-        f"prior's: changes of {1e-3 * np.sqrt(of_prior):.2g} kPa, where it is seen "
-        f"{1e-3 * np.sqrt(observed):.2g} kPa. It is too narrow there, and that of the level from "
-        "run to run: take rule=evidence, or a wider prior (a smaller weight, a larger rms).",
+        f"Samples are missing in runs of {1e3 * run_m:.2g} mm. There the prior allows {name} to "
+        f"change by {1e-3 * np.sqrt(of_prior):.2g} kPa, but elsewhere it changes by "
+        f"{1e-3 * np.sqrt(observed):.2g} kPa, so its band is too narrow in the runs. Use "
+        "rule=evidence, or a wider prior: a smaller weight or a larger rms.",
     )
 
 
@@ -338,8 +346,8 @@ def rough_bands(defect: float) -> Sequence[str]:
     if not defect > MOST_DEFECT:
         return ()
     return (
-        "Bands are rough: tried with noise, the approximate covariance that they come from is "
-        f"{defect:.0%} off. Take larger weights, a stronger prior, or path=direct.",
+        f"Bands are rough: a test with noise finds an error of {defect:.0%} in their approximate "
+        "covariance. Use larger weights, a stronger prior or path=direct.",
     )
 
 
@@ -348,8 +356,8 @@ def missing(fraction: float) -> Sequence[str]:
     if fraction <= FEW_MISSING:
         return ()
     return (
-        f"{100 * fraction:.3g} % of the samples are missing: if their size took them out (rails), "
-        "what was strongest is not in the answer.",
+        f"{100 * fraction:.3g} % of the samples are missing. If they were out of range (rails), "
+        "the answer lacks the strongest part of the signal.",
     )
 
 
@@ -358,9 +366,9 @@ def raised_weights(decades: float) -> Sequence[str]:
     if not decades:
         return ()
     return (
-        f"The weights are 10^{decades:.0f} times those that the rule chose, under which rounding "
-        "would decide on the answer: the signal is not that of the model. Check the elements' "
-        "angles, depths, offsets and gains, and hum.",
+        f"The weights were raised to 10^{decades:.0f} times those of the rule, with which rounding "
+        "would dominate. The signal does not fit the model. Check the angles, depths, offsets and "
+        "gains of the elements, and hum.",
     )
 
 
@@ -368,8 +376,8 @@ def undetermined_weights(status: Status) -> Sequence[str]:
     """Warning on weights that a rule failed to choose."""
     if status.is_answer:
         return ()
-    return (f"The band takes the weights as known, of which one is {status}: the signal does not "
-            "determine it.",)  # fmt: skip
+    return (f"The band takes the weights as known, but one is {status}. The signal does not "
+            "determine it. Set the weight.",)  # fmt: skip
 
 
 def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequence[str]:
@@ -377,8 +385,8 @@ def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequenc
     if noise_rms >= np.finfo(dtype).eps * largest:
         return ()
     return (
-        f"The noise ({noise_rms:.2g}) is less than the rounding of {dtype.name} on data of "
-        f"{largest:.2g}, which the bands leave out.",
+        f"The noise ({noise_rms:.2g}) is smaller than the rounding of {dtype.name} on data of "
+        f"{largest:.2g}. The bands do not include the rounding.",
     )
 
 
@@ -400,8 +408,8 @@ def of_fit(
     return (
         *residual_over_noise(chi2_per_dof, degrees_of_freedom, 0.0, level_stderr),
         *(
-            f"The data do not determine the direction ({direction_in_words(each)}): the parameters "
-            "can move along it and the signal does not change."
+            f"The data do not determine the direction ({direction_in_words(each)}): a move of the "
+            "parameters along it does not change the signal."
             for each in undetermined
         ),
         *_on_bounds(at_bound),
@@ -417,9 +425,9 @@ def false_minimum(chi2_per_dof: float | None, degrees_of_freedom: float | int) -
     if scipy.special.chdtrc(degrees_of_freedom, chi2) >= false_alarm.CHECK:
         return ()
     return (
-        f"The residual is {np.sqrt(chi2_per_dof):.3g} times the noise, more than chance makes once "
-        "in a thousand times, and no minimum of the other data explains it: it may be a false "
-        "minimum (give starts nearer to it), or the model or the noise is not as stated.",
+        f"The residual is {np.sqrt(chi2_per_dof):.3g} times the noise, which chance makes less "
+        "than once in a thousand times. This may be a false minimum: give a nearer start. Else the "
+        "model or the noise is not as stated.",
     )
 
 
@@ -429,8 +437,8 @@ def slope_by_differences(times_noise: float) -> tuple[str, ...]:
     if not times_noise**2 > scipy.special.chdtri(1, false_alarm.CHECK):
         return ()
     return (
-        "At the fit's minimum, differences of the model over whole steps still have a slope, "
-        f"{times_noise:.2g} times what noise makes: the model does not fit there, and standard "
+        "At the minimum of the fit, finite differences of the cost still have a slope of "
+        f"{times_noise:.2g} times that of noise. The model does not fit there, and its standard "
         "errors are too small. Check the model and the stated facts.",
     )
 
@@ -444,17 +452,18 @@ def _on_bounds(names: Sequence[str]) -> Sequence[str]:
     if not names:
         return ()
     return (
-        f"On a bound of its range: {', '.join(names)}. The data would have it beyond, so that no "
-        "standard error of it, or of what goes with it, holds.",
+        f"On a bound of its range: {', '.join(names)}. The best value lies outside, so its "
+        "standard error and those of parameters tied to it are invalid. Widen the range, or check "
+        "the model.",
     )
 
 
 def undetected(name: str) -> str:
     """Warning on a feature that is not detected."""
     return (
-        f"The data do not detect {name.replace('_', ' ')}: noise alone, searched everywhere, gives "
-        "as much. Its position, width and friction are those of noise, and their standard errors "
-        "are infinite; its strength has the prior's."
+        f"The data do not detect {name.replace('_', ' ')}: a search in noise alone finds as much. "
+        "Its position, width and friction have infinite standard errors, and its strength has that "
+        "of the prior."
     )
 
 
@@ -464,9 +473,8 @@ def local_misfit(excess: float) -> Sequence[str]:
     if not excess > 1:
         return ()
     return (
-        f"Residuals where the feature is, averaged over half a depth, are {np.sqrt(excess):.2g} "
-        "times what noise makes: the model does not fit there, and standard errors are too small. "
-        + WRONG_KIND,
+        f"Residuals at the feature are {np.sqrt(excess):.2g} times the noise (means over half a "
+        f"depth). The model does not fit there, and standard errors are too small. {WRONG_KIND}",
     )
 
 
@@ -477,14 +485,11 @@ def widened_for_misfit(overall: float, local: float, remedy: str = "") -> Sequen
     if not max(overall, local) > 1:
         return ()
     over = f"The residual is {np.sqrt(overall):.2g} times the noise"
-    near = (
-        f"Residuals where the feature is, averaged over half a depth, are {np.sqrt(local):.2g} "
-        "times what noise makes"
-    )
+    near = f"Residuals at the feature are {np.sqrt(local):.2g} times the noise"
     said = near if local > ALL_OVER * overall else over
     return (
-        f"{said}: the model does not fit, and what the noise adds to the standard errors is "
-        f"widened by as much. {WRONG_KIND}{remedy}",
+        f"{said}: the model does not fit. The noise's part of the standard errors is increased by "
+        f"this factor. {WRONG_KIND}{remedy}",
     )
 
 
@@ -494,9 +499,7 @@ def sliding_noise(fraction: float) -> Sequence[str]:
     if not fraction > MUCH_SLIDING:
         return ()
     return (
-        f"The noise, estimated from what the fit leaves, has a correlated part of {fraction:.0%} "
-        "of "
-        "the signal: more than sliding makes, so that the feature is hardly of this kind or stands "
-        "beside others. A groove is looked for where its negative height is allowed "
-        "(feature.ridge.height_range_m).",
+        f"The residual has a correlated part of {fraction:.0%} of the signal, more than the noise "
+        "of sliding. The feature may be of another kind, or have others beside it. To allow a "
+        "groove, include negative heights in feature.ridge.height_range_m.",
     )

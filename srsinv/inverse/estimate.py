@@ -19,13 +19,16 @@ from ..grid import Line
 from ..known import Numbers as Numbers
 from ..numerics import BAND_90, mean_known
 from ..status import Status
+from ..views import Arrays, ViewData, Views
 from .diagnostics import Quality, beyond_band, error_over_truth, quality, reasons
 
 COMPONENTS = ("p", "q")
 
 
-class Estimate(eqx.Module):
-    """Recovered traction with its uncertainty; the same from every method.
+class Estimate(Views, eqx.Module):
+    """Recovered traction with its uncertainty; every method gives the same.
+
+    `print` gives a report; `plot`, `to_xarray`, `to_dataframe` give a figure, arrays, a table.
 
     - `line`: the cells of `value` (2, n), p and q [Pa], and of `stderr` (2, n) [Pa], the standard
       error of the value where its mean is observable, else of its deviation from the mean.
@@ -79,6 +82,45 @@ class Estimate(eqx.Module):
         error = overall_error(value, truth, cells)
         return self.with_warnings((*beyond, *error_over_truth(float(error))))
 
+    def view_data(self) -> ViewData:
+        value, stderr = map(np.asarray, self._value_and_stderr())
+        if self.quality is Quality.FAILED:
+            stderr = np.full_like(stderr, np.inf)
+        fitted, whitened = np.asarray(self.fitted), np.asarray(self.whitened)
+        x, observed = np.asarray(self.line.x), np.isfinite(whitened)
+        # A user's own class may have neither.
+        unit, are_cells = (getattr(self, each, None) for each in ("signal_unit", "are_cells"))
+        are_cells = whitened.shape[-1] == x.size if are_cells is None else are_cells
+        samples = "element", "x" if are_cells else "sample"
+        is_scanned = np.ones(x.size, bool)
+        if are_cells and observed.any():
+            is_scanned = np.asarray(observed.any(axis=0))
+        peak, place = highest(value, x, is_scanned)
+        resolved_dof = [self.stats.get(f"resolved_dof_{name}", np.nan) for name in COMPONENTS]
+        variables: Arrays = {
+            "estimate": (("component", "x"), value, "Pa"),
+            "estimate_stderr": (("component", "x"), stderr, "Pa"),
+            "fitted_signal": (samples, fitted, unit or "1"),
+            "whitened_residual": (samples, whitened, "1"),
+            "peak": ("component", peak, "Pa"),
+            "peak_position": ("component", place, "m"),
+            "resolved_dof": ("component", resolved_dof, "1"),
+        }
+        if are_cells:
+            variables["observed"] = samples, observed.astype(np.int8), "1"
+        elements = np.arange(len(fitted)).astype(str)
+        coordinates: Arrays = {
+            "x": (x, "m"), "component": (list(COMPONENTS), "1"), "element": (elements, "1"),
+        }  # fmt: skip
+        method = self.stats.get("method")
+        by = f" by {str(method).capitalize()}" if method else ""
+        title = f"Pressure p and shear q{by}"
+        return ViewData(title, variables, coordinates, self.parameters, {})
+
+    def _value_and_stderr(self) -> tuple[Numbers, Numbers]:
+        """Both at once, for estimates that compute them when they are asked for."""
+        return self.value, self.stderr
+
     @property
     def quality(self) -> Quality:
         """Good, doubtful (any warning), without bands, or failed."""
@@ -117,6 +159,10 @@ class TractionEstimate(Estimate):
     - `rig_errors` (j, c, n): errors by one standard deviation of the rig, in independent directions
       (line/rig_bands.py). They are in `stderr` beside `covariance`: the two have the covariance
       C + sum_j f_j f_j^T. None of a rig that is exact.
+    - `mean_unobserved`: names of the components whose mean the signal does not show, so that
+      `value` is the deviation from it.
+    - `signal_unit`: of `fitted`. `are_cells`: whether the samples are the cells of `line`, as
+      before [`TractionEstimate.on`][].
     """
 
     line: Line
@@ -133,6 +179,13 @@ class TractionEstimate(Estimate):
     mean_weights: Float[Numbers, "c n"] | None = None
     averaging: Float[Numbers, "c c n"] | None = None
     rig_errors: Float[Numbers, "j c n"] | None = None
+    mean_unobserved: tuple[str, ...] = eqx.field(static=True, default=())
+    signal_unit: str = eqx.field(static=True, default="1")
+    are_cells: bool = eqx.field(static=True, default=True)
+
+    def view_data(self) -> ViewData:
+        data = super().view_data()
+        return data._replace(attributes={"mean_unobserved": ",".join(self.mean_unobserved)})
 
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         value = np.asarray(self.value)
@@ -146,9 +199,9 @@ class TractionEstimate(Estimate):
         weights = overlap(self.line, line)
         value = jnp.asarray(np.asarray(self.value) @ weights.T)
         names = "covariance", "mean_weights", "averaging", "rig_errors"
-        nothing: dict[str, Any] = dict.fromkeys(names)
+        changed: dict[str, Any] = dict.fromkeys(names) | {"are_cells": False}
         stderr = self._carried(weights)
-        return dataclasses.replace(self, line=line, value=value, stderr=stderr, **nothing)
+        return dataclasses.replace(self, line=line, value=value, stderr=stderr, **changed)
 
     def _carried(self, weights: np.ndarray) -> Float[Array, "2 m"]:
         """The standard error of averages with these weights (m, n)."""
@@ -191,8 +244,13 @@ Score = Float[np.ndarray, "*row"]
 
 
 def relative_error(value: Values, truth: Truth, cells: np.ndarray | None = None) -> Score:
-    """The norm of the error over that of the truth, both less their mean over `cells` (n,), all
-    without one; NaN of a truth that is uniform."""
+    """The relative error of a traction: norm of the error over norm of the truth, less their means.
+
+    - `value`, `truth` (..., n): p or q, or both (2, n), in the same unit, on the same line.
+    - `cells` (n,): a mask of the cells that are compared and that the means are over; None: all.
+
+    Returns one number for each row, NaN for a truth that is uniform.
+    """
     true = deviation(truth, cells)
     size = np.linalg.norm(true, axis=-1)
     wrong = np.linalg.norm(deviation(value, cells) - true, axis=-1)
@@ -222,6 +280,15 @@ def z_rms(value: Values, stderr: Values, truth: Truth, cells: np.ndarray) -> Sco
     with np.errstate(over="ignore"):  # to infinity
         z = np.where(wrong == 0, 0.0, np.abs(wrong) / stderr)
         return np.asarray(np.sqrt(np.mean(z**2, axis=-1)))
+
+
+def highest(
+    value: Float[np.ndarray, "*row n"], x: Float[np.ndarray, " n"], cells: Bool[np.ndarray, " n"]
+) -> tuple[Float[np.ndarray, "*row"], Float[np.ndarray, "*row"]]:
+    """The highest value of each row over `cells`, a mask, and its place [m]."""
+    value, x = value[..., cells], x[cells]
+    top = np.argmax(np.where(np.isnan(value), -np.inf, value), axis=-1)
+    return np.take_along_axis(value, top[..., None], -1)[..., 0], x[top]
 
 
 def averages(r: Float[Array, "c n"], line: Line, onto: Line) -> Float[Array, "c m"]:

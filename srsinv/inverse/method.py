@@ -14,7 +14,7 @@ from .problem import Problem
 
 
 class Method(eqx.Module):
-    """An inversion. Its fields are its settings; a call solves one problem.
+    """Base of methods: an inversion, whose fields are its settings; a call solves one problem.
 
     The method chooses its line: it takes the problem's signals on cells (`problem.to_grid()`), or
     as they were sampled (`problem.samples()`), and the estimate says on which line it is.
@@ -36,6 +36,6 @@ class Method(eqx.Module):
         """
         del problem
         raise BadInput(
-            f"{type(self).__name__} has no Gaussian prior to solve for in other ways: give "
+            f"{type(self).__name__} has no Gaussian prior, which this job needs: give "
             "method=[wiener,tikhonov] or one of them."
         )

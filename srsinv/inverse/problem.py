@@ -27,8 +27,10 @@ from .rig.error import SensorError
 
 
 class Problem(eqx.Module):
-    """Signals of a sensor along a motion, their noise, and what is known of the traction.
+    """What is inverted: signals of a sensor along a motion, their noise, and known facts.
 
+    - `sensor`: the [`Sensor`][srsinv.Sensor]; `motion`: the [`Motion`][srsinv.Motion] at every
+      sample, as `Motion.from_speed(time_s, speed_m_per_s, start_m)`.
     - `signal` (e, sample): as recorded, in the amplifier's unit; NaN marks a missing sample.
     - `noise`: a [`SampleNoise`][], or its level alone, the rms of white noise per sample.
     - `friction`: mu in q = mu p; None leaves p and q apart.
@@ -123,14 +125,6 @@ class Problem(eqx.Module):
     def with_warnings(self, warnings: Sequence[str]) -> "Problem":
         """The same problem with further warnings."""
         return with_fields(self, warnings=(*self.warnings, *warnings))
-
-    @property
-    def own_line(self) -> None:
-        """The line that the samples are the cells of: there is none."""
-
-    @property
-    def scanned(self) -> None:
-        """Which of its cells they are: none."""
 
     @property
     def background_Pa(self) -> tuple[float | None, float | None]:

@@ -65,8 +65,8 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
     signal, typical, *_ = fitted_on(edges, onwards, a, samples)
     refuse(
         typical < LEAST_SAMPLES,
-        f"There are {typical:.2g} samples for each of the {sim.line.n} cells, fewer than "
-        f"{LEAST_SAMPLES:g}: raise effects.sampling.rate_hz, or take fewer grid.cells.",
+        f"There are {typical:.2g} samples for each of the {sim.line.n} cells, fewer "
+        f"than {LEAST_SAMPLES:g}: raise effects.sampling.rate_hz, or lower grid.cells.",
     )
     signal = signal if direction > 0 else signal[:, ::-1]
     power = np.interp(sim.line.k, record.k, record.spectrum) / typical
@@ -127,12 +127,13 @@ def _check_noise(sensor: Sensor, noises, spectrum, rms) -> None:
     parts = (sensor.skin, *sensor.elements, sensor.amplifier, *sensor.filters)
     refuse(
         not np.isfinite(float(rms)),
-        f"The signal's rms is {float(rms)}: one of {', '.join(type(p).__name__ for p in parts)} or "
-        "the scene gives what is no number; correct it.",
+        f"The signal's rms is {float(rms)}: one of "
+        f"{', '.join(type(p).__name__ for p in parts)} or the scene gives values that "
+        "are not finite; correct it.",
     )
     check_power(noises, spectrum)
     refuse(
         bool(noises) and not np.any(np.asarray(spectrum) > 0) and not bool(rms > 0),
-        "The scene gives no signal at all, nor noise that is set by its ratio to the signal: put "
-        "something uneven within the window, or name noise of its own, noise=[white] or [johnson].",
+        "The scene gives no signal, so a signal-to-noise ratio has no meaning: put a "
+        "feature within the window, or give noise=[white] or noise=[johnson].",
     )

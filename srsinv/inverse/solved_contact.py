@@ -1,4 +1,4 @@
-"""A surface pressed on once, and what a sensor feels of it with any friction: at nu = 1/2 friction
+"""A surface pressed on once, and the signal that it gives with any friction: at nu = 1/2 friction
 does not change the pressure."""
 
 import equinox as eqx
@@ -36,11 +36,11 @@ class SolvedContact(eqx.Module):
         scene = sim.scene.contact_scene
         if scene is None:
             kind = type(sim.scene).__name__
-            raise BadInput(f"scene is a {kind}: name one of a surface, such as scene=ridge.")
+            raise BadInput(f"scene is a {kind}: give one of a surface, such as scene=ridge.")
         refuse(
             sim.scenario.recorder.samples_in_time,
-            "effects names what acts in time (sampling, a speed that varies, a load that drifts), "
-            "and this job takes one sample a cell at constant speed: leave it out.",
+            "effects names one that acts in time (sampling, a varying speed or load), "
+            "but this job takes one sample per cell: leave it out.",
         )
         self.sim, self.scene = sim, scene
         self.contact = scene.contact(sim.fine)

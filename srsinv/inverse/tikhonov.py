@@ -74,7 +74,10 @@ def _weight(name: str, value) -> Float[Array, ""] | None:
 
 
 class Tikhonov(Method):
-    """Minimise |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2.
+    """Tikhonov's method: a penalty on the traction or its derivatives along x.
+
+    It minimises |N^(-1/2) (m - G r)|^2 + sum_c lambda_c |(z d/dx)^order r_c|^2: m the signal, N the
+    noise's power, r the traction.
 
     - `order`: 0 penalises the value, 1 the first, 2 the second derivative; `length_m` [m] is the z
       that makes it dimensionless.
@@ -108,7 +111,12 @@ class Tikhonov(Method):
         self.order = whole(f"{key}order", order, "0, 1 or 2", least=0, most=2)
         self.weight_p, self.weight_q = _weight("weight_p", weight_p), _weight("weight_q", weight_q)
         rule = Evidence() if rule is None else rule
-        self.rule = of_kind(f"{key}rule", rule, Rule, "a rule, such as rule=gcv")
+        self.rule = of_kind(
+            f"{key}rule",
+            rule,
+            Rule,
+            f"a Rule, or on the command line rule=gcv or rule=evidence in place of {key}rule",
+        )
         self.length_m = as_real(
             number(f"{key}length_m", length_m, "a positive length in metres", above=0)
         )

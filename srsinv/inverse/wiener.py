@@ -25,7 +25,10 @@ from .problem import Problem
 
 
 class TractionSpectrum(eqx.Module):
-    """A power spectrum per cell [Pa^2] of one traction component."""
+    """Base of traction spectra: the power per cell [Pa^2] of one component at a line's wavenumbers.
+
+    `power` is to be defined.
+    """
 
     @abc.abstractmethod
     def power(self, problem: LineProblem) -> Float[Any, " k"]:
@@ -110,9 +113,12 @@ class ScaledSpectra(Family):
 
 
 class Wiener(Method):
-    """(G^H N^-1 G + S^-1)^-1 G^H N^-1 m with S the spectra of p and q.
+    """Wiener's filter: the posterior mean of p and q under Gaussian priors of stated spectra.
 
-    - `p`, `q`: their spectra; p and q are taken as independent.
+    It solves (G^H N^-1 G + S^-1)^-1 G^H N^-1 m: m the signal, N the noise's power, S the spectra.
+
+    - `p`, `q`: their spectra, as `srsinv.inverse.wiener.Exponential(rms_Pa, correlation_m)`, the
+      default with 1500 Pa and 2 mm; p and q are taken as independent.
     - `scale`: "given" takes their levels as they are; "evidence" multiplies each by the number
       under which the data are most likely.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].

@@ -32,13 +32,13 @@ def along_x(recording: Recording) -> tuple[np.ndarray, np.ndarray]:
     for channel, values in zip(recording.channels, signal[:, in_some], strict=True):
         refuse(
             bool(np.isnan(values).any()),
-            f"{recording.name}: channel {channel} has missing samples, and the pitch needs all: "
-            "leave it out of recording.channels.",
+            f"{recording.name}: channel {channel} has missing samples, but the pitch "
+            "needs all: leave it out of recording.channels.",
         )
         refuse(
             bool(np.ptp(values) == 0),
-            f"{recording.name}: channel {channel} is constant ({values[0]:.4g}) and responds to no "
-            "surface: leave it out of recording.channels.",
+            f"{recording.name}: channel {channel} is constant ({values[0]:.4g}): leave it "
+            "out of recording.channels.",
         )
     return np.linspace(x_m[0], x_m[-1], x_m.size), np.ascontiguousarray(signal)
 
@@ -49,13 +49,13 @@ def without_gaps(name: str, x_m: np.ndarray, signal: np.ndarray, shortest_m: flo
     rows = np.flatnonzero(~np.isnan(signal).any(axis=0))
     if rows.size == x_m.size:
         return signal
-    refuse(rows.size < 2, f"{name}: only {rows.size} samples are there: record the scan again.")
+    refuse(rows.size < 2, f"{name}: only {rows.size} samples are valid: record the scan again.")
     longest = int(np.argmax(np.diff(rows)))
     start_m, end_m = float(x_m[rows[longest]]), float(x_m[rows[longest + 1]])
     refuse(
         end_m - start_m > SHORT_GAP * shortest_m,
-        f"{name}: no channel has samples from {start_m:.4g} to {end_m:.4g} m, more than "
-        f"{SHORT_GAP:.3g} of the shortest pitch of {shortest_m:.4g} m: cut the recording there, or "
+        f"{name}: no channel has samples from {start_m:.4g} to {end_m:.4g} m, too "
+        f"long a gap for a pitch of {shortest_m:.4g} m: cut the recording there, or "
         "raise the shortest of feature.pitch_range_m.",
     )
     return np.stack([filled(row) for row in signal])
@@ -75,13 +75,14 @@ def settings_for(given: Mapping[str, Any], ends: Any, name: str, x_m: np.ndarray
     step, length = x_m[1] - x_m[0], x_m[-1] - x_m[0]
     refuse(
         ends[1] > length / LEAST_PERIODS,
-        f"{key}, but {name} is {length:.4g} m long and a pitch has to come {LEAST_PERIODS} times: "
-        f"give a longest pitch up to {length / LEAST_PERIODS:.4g} m.",
+        f"{key}, but {name} is only {length:.4g} m long, and must hold "
+        f"{LEAST_PERIODS} pitches: give a longest pitch up to "
+        f"{length / LEAST_PERIODS:.4g} m.",
     )
     refuse(
         ends[0] < 2 * step,
-        f"{key}, but the samples of {name} are {step:.4g} m apart, which shows no pitch below two "
-        f"of them: give a shortest pitch from {2 * step:.4g} m on.",
+        f"{key}, but the samples of {name} are {step:.4g} m apart: give a shortest "
+        f"pitch of at least {2 * step:.4g} m, two samples.",
     )
     harmonics, false_alarm = given["harmonics"], given["false_alarm"]
     refuse(

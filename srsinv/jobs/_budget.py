@@ -56,8 +56,8 @@ def source_in_words(source: str) -> str:
 
 
 def budget_variables(best: FeatureEstimate, rig: SensorError | None) -> Variables:
-    """The parts of each standard error by their source, the largest sources first, with what is
-    said of them; nothing where there is no budget."""
+    """The parts of each standard error by their source, the largest sources first, with what the
+    page reports of them; nothing where there is no budget."""
     sources = _sources(best)
     if not sources:
         return {}
@@ -137,7 +137,8 @@ def _at_the_highest(
 
 
 def _facts_of(sources: Sequence[str], rig: SensorError | None) -> Variables:
-    """What is said of the sources: their names in words, their tolerances and their origins."""
+    """What the page reports of the sources: their names in words, their tolerances and their
+    origins."""
     sized = [_tolerance_in_words(source, rig) for source in sources]
     origins = rig.origin_of if isinstance(rig, RigError) else {}
     return {

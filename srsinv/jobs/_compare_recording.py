@@ -106,8 +106,8 @@ def _title(name: str, data: xarray.Dataset) -> str:
     )
     best, next_best = names[np.argsort(left, kind="stable")[:2]]
     return (
-        f"{name}: {best} predicts held-out samples best, to {first} the noise's power; {next_best} "
-        f"to {second}"
+        f"{name}: {best} predicts held-out samples best, with a residual of {first} the noise's "
+        f"power ({next_best}: {second})"
     )
 
 

@@ -104,8 +104,7 @@ def on_scene(
     """
     refuse(
         not np.any(np.ptp(np.asarray(scene.sim.traction(scene.sim.line)), axis=-1)),
-        "The scene is uniform, which a rate signal does not show: give it a pressure, as "
-        "scene=strip does.",
+        "The scene is uniform, which gives no rate signal: give it a pressure, as scene=strip has.",
     )
     problems = scene.problems()
     truth, cells = np.asarray(scene.sim.traction(scene.sim.line)), problems[0].observed_cells
@@ -143,11 +142,10 @@ def _title(data: xarray.Dataset) -> str:
     first, second = np.argsort(data["rank_mean"].values, kind="stable")[:2]
     names, top = data["estimator"].values, int(np.argmax(data["snr"].values))
     best = int(np.sum(error.argmin(axis=0) == first))
-    draws = "in the one draw" if data.sizes["seed"] == 1 else "in the mean"
     level, ends = data["snr"].values[top], 100 * error[[first, second], top]
     return (
-        f"{names[first]} is closest to the true p and q at {best} of {error.shape[1]} noise levels "
-        f"{draws}: {ends[0]:.2g} % off at {level:g} dB, {names[second]} {ends[1]:.2g} %"
+        f"{names[first]} has the smallest error of p and q at {best} of {error.shape[1]} noise "
+        f"levels: {ends[0]:.2g} % at {level:g} dB, {names[second]} {ends[1]:.2g} %"
     )
 
 

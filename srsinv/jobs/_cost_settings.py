@@ -75,7 +75,7 @@ class CostSettings:
             f"accuracy_cost.parts is {echo(parts)}: give some of {', '.join(PARTS)}.",
         )
         if budget is not None:
-            wanted = "seconds from 0, or null for all that there is to measure"
+            wanted = "seconds from 0, or null for no limit"
             number("accuracy_cost.budget_s", budget, wanted, least=0)
         refuse(
             not isinstance(given["is_fresh"], bool),

@@ -144,7 +144,7 @@ def _quickest(rows: Iterable[Row], is_peer: bool) -> Row:
 
 
 def title(data: xarray.Dataset) -> str:
-    """The fastest ways of the last method, as exact as asked for at most; else of the last part."""
+    """The fastest methods of the last part, to the smallest error that one of them meets."""
     if _titular(data) == "none":
         return f"{data.sizes['case']} trials measured, {data.sizes['left']} families cut short"
     own = (data["goal_part"] == _titular(data)) & (data["goal_family"] != "none")
@@ -152,13 +152,15 @@ def title(data: xarray.Dataset) -> str:
     tightest = goals.isel(goal=np.flatnonzero(goals["goal_within"] == goals["goal_within"].min()))
     columns = (tightest[f"goal_{name}"].values for name in ("family", "size", "line"))
     seconds = tightest["goal_steady_call_s"].values.tolist()
-    ways = [
-        f"{family} on {size} ({line}, {quantity(time_s, 's')})"
+    part = _titular(data)
+    sized_as = "at a tolerance of {}" if part == "fit" else "on {} cells"
+    methods = [
+        f"{family} {sized_as.format(size)} ({line if part != 'fit' else 'one start'}, "
+        f"{quantity(time_s, 's')})"
         for family, size, line, time_s in zip(*columns, seconds, strict=True)
     ]
     within, of = tightest["goal_within"].values[0], tightest["goal_of"].values[0]
-    text = f"{_titular(data).capitalize()}: fastest within {within:g} of {of}: {', '.join(ways)}"
-    return text.replace("e-0", "e-")
+    return f"Fastest {part} within {within:g} of {of}: {'; '.join(methods)}"
 
 
 def _titular(data: xarray.Dataset) -> str:

@@ -38,7 +38,7 @@ def measure_in_turns(
                 if left_s <= 0 or forecast(trials[at]) > left_s:
                     continue
                 labels = trials[at].labels
-                with stage(f"{', '.join(family_of(labels))}, {sized(labels['size'])}"):
+                with stage(f"{', '.join(family_of(labels))}, size {sized(labels['size'])}"):
                     row = rows.anew(trials[at])
             spent_s[group] += row["trial_s"]
             forecast.learn(row)

@@ -1,4 +1,4 @@
-"""What was assumed, as attributes of a result's dataset: the page's last section words them."""
+"""Assumptions, as attributes of a result's dataset: the page's last section words them."""
 
 from __future__ import annotations
 

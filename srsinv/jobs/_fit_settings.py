@@ -18,7 +18,9 @@ def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
     """Those of `fit` in the configuration, checked, with what it leaves out."""
     known = {"select": False, "free": None, "start": None}
     unknown = sorted(set(given) - set(known))
-    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: {', '.join(known)}.")
+    refuse(
+        bool(unknown), f"fit has no key {unknown and unknown[0]!r}: choose from {', '.join(known)}."
+    )
     select = given.get("select", False)
     refuse(not isinstance(select, bool), f"fit.select is {echo(select)}: give true or false.")
     return known | dict(given)
@@ -29,8 +31,8 @@ def traction_fit(features: Features, solver: Solver, settings: Mapping[str, Any]
     for key in ("free", "start"):
         refuse(
             bool(settings[key]),
-            f"fit.{key} is {echo(settings[key])}: it is for features of a surface (ridge, tape, "
-            "step_up, step_down); leave it out.",
+            f"fit.{key} is {echo(settings[key])}, but it is only for features of a "
+            "surface (ridge, tape, step_up, step_down): leave it out.",
         )
     return FeatureFit(features, solver)
 
@@ -65,9 +67,9 @@ def with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> S
     known = (facts.get("feature") or {}).get("edge_length_m")
     refuse(
         known is None,
-        f"The length over which the edges of {name} rise is not known, and the data cannot tell it "
-        f"from the width: give feature.{name}.edge_length_m, or feature.edge_length_m in the "
-        "sidecar.",
+        f"The edge length of {name} is not known, and the data do not determine it "
+        f"beside the width: give feature.{name}.edge_length_m, or "
+        "feature.edge_length_m in the sidecar.",
     )
     return feature.with_edge(known)
 
@@ -89,7 +91,7 @@ def known_feature(features: Features) -> HeldFeature:
     """The only one of the features that the configuration names."""
     refuse(
         len(features) != 1,
-        f"feature names {len(features)} features: name one that is known, as feature=ridge.",
+        f"feature names {len(features)} features: give one that is known, as feature=ridge.",
     )
     ((name, feature),) = features.items()
     return HeldFeature(name, feature)
@@ -98,12 +100,12 @@ def known_feature(features: Features) -> HeldFeature:
 def rig_settings(given: Mapping[str, Any]) -> Mapping[str, Any]:
     """Those of `fit` for a rig over a known feature: what is held, and what is free."""
     unknown = sorted(set(given) - set(RIG_KEYS))
-    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: hold, free.")
+    refuse(bool(unknown), f"fit has no key {unknown and unknown[0]!r}: choose from hold and free.")
     for key in ("select", "start"):
         refuse(
             bool(given.get(key)),
-            f"fit.{key} is {echo(given.get(key))}: a known feature takes fit.hold and fit.free "
-            "alone; leave it out.",
+            f"fit.{key} is {echo(given.get(key))}, but a known feature takes only "
+            "fit.hold and fit.free: leave it out.",
         )
     held = {} if given.get("hold") is None else mapping("fit.hold", given["hold"])
     free = given.get("free")

@@ -28,7 +28,7 @@ def signals(ds: xarray.Dataset) -> Figure:
             look = {"color": _RED, "linestyle": "none", "marker": "o", "markersize": 4, "zorder": 3}
             label = "flat at the extreme: clipped?"
             curves.append(plot.Curve(values[at], label, x=time[at], look=look))
-        up = plot.PanelAxis("", str(ds["signal_unit"].values[row]))
+        up = plot.PanelAxis("signal", str(ds["signal_unit"].values[row]))
         parts.append(plot.Panel(curves, _along(ds), up, (), str(name), gaps))
     return plot.panels(plot.in_columns(parts), height_in=1.5 if len(parts) <= 4 else 1.2)
 
@@ -51,7 +51,7 @@ def spectra(ds: xarray.Dataset) -> Figure:
         floor = float(ds["noise_floor"].values[row])
         look = {"color": TRUTH, "linestyle": "--"}
         marks = [plot.Mark(floor, "noise floor", "y", look=look)] if floor > 0 else []
-        up = plot.PanelAxis(f"per √{per}", str(ds["signal_unit"].values[row]), True)
+        up = plot.PanelAxis(f"density per √{per}", str(ds["signal_unit"].values[row]), True)
         parts.append(plot.Panel(curves, across, up, frequency, str(name), marks))
     return plot.panels(plot.in_columns(parts), height_in=1.8 if len(parts) <= 4 else 1.5)
 

@@ -19,6 +19,7 @@ from ..inverse.estimate import (
     Estimate,
     cutoff,
     full_width_at_half_maximum,
+    highest,
 )
 from ..inverse.line.problem import LineProblem
 from ..progress import stage
@@ -35,6 +36,7 @@ from .estimates import (
     Variables,
     estimate_coordinates,
     estimate_variables,
+    of_simulated,
     score_variables,
 )
 
@@ -103,7 +105,7 @@ def _title(case: InversionCase, data: xarray.Dataset) -> str:
         of = {c: significant(100 * e, 2) for c, e in zip(COMPONENTS, error[m], strict=True)}
         known = {c: words for c, words in of.items() if words != "–"}
         if not known:
-            return f"Nothing to recover in the scene, by {', '.join(names)}"
+            return f"The scene has no p and q to recover ({', '.join(names)})"
         what = "an error" if len(known) == 1 else "errors"
         return (
             f"{names[usable[m]]} recovers {' and '.join(known)} with {what} of "
@@ -120,6 +122,7 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     estimates = answers.first
     units, cells = (case.signal_unit, case.traction_unit), case.problem.observed_cells
     own = estimate_variables(answers, (), units, cells)
+    own = own if case.name else of_simulated(own)
     parts, sources = highest_budget(estimates, case.problem, case.traction_unit)
     variables = (
         _signals(case)
@@ -136,11 +139,10 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
         | scalars(_numbers(case, estimates))
     )
     means = case.problem.mean_statement()
-    unobserved = [c for c in COMPONENTS if means[c].startswith(("unobserved", "weakly"))]
     said = {f"mean_of_{component}": words for component, words in means.items()}
     attributes: dict[str, Any] = {
         "signal_unit": case.signal_unit,
-        "mean_unobserved": ",".join(unobserved),
+        "mean_unobserved": ",".join(case.problem.mean_unobserved),
     }
     if case.traction_unit != "Pa":
         attributes["is_relative"] = 1
@@ -236,15 +238,13 @@ def _scores(case: InversionCase, answers: Answers[Estimate]) -> Variables:
 def _highest(case: InversionCase, value: Float[np.ndarray, "method 2 n"]) -> Variables:
     """Over the sampled cells: each component's highest value, and p's main line."""
     observed = case.problem.observed_cells
-    x = np.asarray(case.problem.line.x)[observed]
-    value = value[..., observed]
-    top = np.argmax(value, axis=-1)
-    peak = np.take_along_axis(value, top[..., None], -1)[..., 0]
-    lines = [strongest_line_m(x, each[0]) for each in value]
+    x = np.asarray(case.problem.line.x)
+    peak, place = highest(value, x, observed)
+    lines = [strongest_line_m(x[observed], each[0, observed]) for each in value]
     by, unit = ("estimator", "component"), "Pa" if case.traction_unit == "Pa" else "relative"
     return {
         "peak": (by, peak, case.traction_unit, f"{{component}}_peak_{unit}_{{estimator}}"),
-        "peak_position": (by, x[top], "m", "{component}_peak_position_m_{estimator}"),
+        "peak_position": (by, place, "m", "{component}_peak_position_m_{estimator}"),
         "p_line_wavelength": ("estimator",
                               [np.nan if each is None else each for each in lines], "m",
                               "p_line_wavelength_m_{estimator}"),

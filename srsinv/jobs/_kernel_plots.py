@@ -26,7 +26,7 @@ def draw_kernels(ds: xarray.Dataset) -> Figure:
         return plot.panel(
             {name: own.sel(model=name) for name in ("kernel", "theory")}, looks=LOOKS,
             stderrs={"kernel": error}, within=(-reach, reach), quantity="charge under 1 N/m",
-            along="place of the film from the load", title=f"Element {element}: {component}",
+            along="position of the film from the load", title=f"Element {element}: {component}",
         )  # fmt: skip
 
     return plot.panels([[one(e, c) for c in names_of(ds["shown"])] for e in names_of(ds["sensor"])])

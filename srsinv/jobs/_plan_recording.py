@@ -36,7 +36,8 @@ class RecordingRecipes(Recipes):
         super().__init__()
         refuse(
             quantity == SIGNAL,
-            "A recording has its signal: give quantity=p or q, or a scene to simulate.",
+            "quantity=signal needs a simulated scene, not a recording: give quantity=p "
+            "or quantity=q, or leave recording.path out.",
         )
         self._recorded, self._methods, self._quantity, self._problems = (
             recorded, methods, quantity, {},
@@ -44,7 +45,7 @@ class RecordingRecipes(Recipes):
         problem = self._problem("float64")
         refuse(
             problem.cell_m is not None,
-            "The plan chooses the cells: leave recording.cell_m out.",
+            "recording.cell_m is given, but the plan chooses the cells: leave it out.",
         )
         x, depth = np.asarray(problem.motion.position_m), float(problem.sensor.depth_m)
         self._spacing_m = sample_spacing_m(problem.motion)

@@ -81,7 +81,8 @@ class SceneRecipes(Recipes):
 
     def alternatives(self, recipe: Recipe, error: float) -> dict[str, list[Recipe]]:
         assert recipe.effects is not None
-        subsets = dict.fromkeys(self.called_for(recipe, part * error) for part in TOLERANCES)
+        tolerances = [part * error for part in TOLERANCES if part * error < 1]  # of the rms
+        subsets = dict.fromkeys(self.called_for(recipe, each) for each in tolerances)
         others: dict[str, list[Recipe]] = {
             "effects": [recipe.with_(effects=on) for on in subsets if on != recipe.effects],
             "precision": [recipe.with_(precision="float32")],

@@ -19,7 +19,7 @@ def on_cells(problem: Problem, purpose: str | None = None) -> LineProblem:
     recording that cannot be inverted.
     """
     depth = float(problem.sensor.depth_m)
-    with stage("putting the signals on cells"):
+    with stage("gridding the signals"):
         return problem.to_grid(cell_m(purpose, depth) if purpose else None)
 
 
@@ -35,6 +35,6 @@ def check_invertible(recording: Recording, unit: str) -> None:
         check_volts(recording)
     refuse(
         unit == "1" and recording.sidecar.get("nominal_pressure_Pa") is not None,
-        f"{recording.name}: nominal_pressure_Pa is given, and traction_unit=relative makes p a "
-        "number without a unit: leave one of them out.",
+        f"{recording.name}: recording.nominal_pressure_Pa is in Pa, but "
+        "traction_unit=relative has no unit: leave one of them out.",
     )

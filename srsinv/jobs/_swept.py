@@ -56,8 +56,8 @@ def swept_jobs(folder: Path, failures: Mapping[str, Any]) -> list[SweptJob]:
         size += min(metrics.lstat().st_size, MOST_OF_METRICS)  # a longer one is not read
         refuse(
             size > _MOST_OF_ALL,
-            f"{_text(str(folder))}: the {METRICS_FILE} in it are longer than {_MOST_OF_ALL} bytes "
-            "together: give the folder of one sweep.",
+            f"{_text(str(folder))}: its {METRICS_FILE} files have more than "
+            f"{_MOST_OF_ALL} bytes together: give the folder of one sweep.",
         )
         runs.append(_run(folder, place, manifest))
     places = {job.place for job in runs}
@@ -75,8 +75,8 @@ def swept_jobs(folder: Path, failures: Mapping[str, Any]) -> list[SweptJob]:
         names = {name for job in jobs for name in getattr(job, what)}
         refuse(
             len(names) > _MOST_NAMES,
-            f"{_text(str(folder))}: the runs in it have {len(names)} {what} of different names, "
-            f"above the limit of {_MOST_NAMES}: give the folder of one sweep.",
+            f"{_text(str(folder))}: its runs have {len(names)} different {what}, above "
+            f"the limit of {_MOST_NAMES}: give the folder of one sweep.",
         )
     return jobs
 
@@ -95,8 +95,8 @@ def failed_jobs(folder: Path) -> dict[str, Any]:
     for number, each in entries.items():
         refuse(
             not _is_failure(number, each),
-            f"{_text(str(path))}: entry {_text(number)!a} is not as srsinv writes it: move this "
-            "file away, and failures are left out.",
+            f"{_text(str(path))}: entry {_text(number)!a} is not as srsinv writes it: "
+            "move this file away to gather without the failed runs.",
         )
     return entries
 

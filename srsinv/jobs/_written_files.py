@@ -44,12 +44,12 @@ def check_target(target: Target, given: Any) -> WrittenFile | None:
     path = path_of(given, target.key)
     refuse(
         path.suffix.lower() not in target.suffixes,
-        f"{target.key} is {path.name!r}: {target.what} ends in {' or '.join(target.suffixes)}: "
-        "name it so.",
+        f"{target.key} is {path.name!r}: give a name that ends in "
+        f"{' or '.join(target.suffixes)} for {target.what}.",
     )
     refuse(
         not os.path.isdir(path.parent),
-        f"{target.key}: there is no folder {str(path.parent)!r}: make it first.",
+        f"{target.key}: there is no folder {str(path.parent)!r}: create it first.",
     )
     with writing(path):
         try:
@@ -61,7 +61,7 @@ def check_target(target: Target, given: Any) -> WrittenFile | None:
         earlier = read_bytes(path, what=target.what, key=target.key, most=LARGEST_FILE)
     refuse(
         earlier is None or not target.is_own(path),
-        f"{path}: there is a file already that no {target.writer} wrote, or that was changed "
-        "since: choose another name, or move it away.",
+        f"{path}: the file exists, and is not as a {target.writer} wrote it: choose "
+        "another name, or move it away.",
     )
     return WrittenFile(path, earlier)

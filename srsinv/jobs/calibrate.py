@@ -14,16 +14,15 @@ from ..inverse.problem import Problem
 from ..inverse.rig.calibration import Calibration, calibrate
 from ..progress import stage
 from ..recording import Recording
-from ..report.answers import answer_of
+from ..report.answers import answer_of, reported_parameters
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
-from ..report.text import quantity_with_error
+from ..report.text import quantity, quantity_with_error, spoken, unit_of, without_unit
 from . import _facts
 from ._calibrated_sidecar import SIDECAR, sidecar_of, wiring_of
 from ._fit_settings import known_feature, rig_settings
 from ._written_files import check_target
-from .estimates import reported_parameters
 
 
 def run(cfg: config.Config) -> Result:
@@ -45,12 +44,15 @@ def run(cfg: config.Config) -> Result:
         # A calibration that failed is none to go on with.
         is_good = calibration.quality is not Quality.FAILED
         sidecar = sidecar_of(recording, problem, calibration, wiring) if is_good else None
-        held = ", ".join(f"{key} {value:g}" for key, value in settings["hold"].items())
+        held = ", ".join(
+            f"{without_unit(key)} {quantity(value, unit_of(key))}"
+            for key, value in settings["hold"].items()
+        )
         facts = {
             **_facts.of_recording(measured, problem, config.part(cfg, "recording").get("times")),
             **_facts.of_effects(config.part(cfg, "effects")),
             "is_fit": 1,
-            "held": f"{known.name}: {held}",
+            "held": f"{spoken(known.name)}: {held}",
             "noise_rms": calibration.levels.white_rms,
             "noise_sliding_rms": calibration.levels.sliding_rms,
             "noise_sliding_correlation_m": calibration.levels.longest_m,

@@ -85,7 +85,7 @@ def run(cfg: config.Config) -> Result:
     held = 100 * data["coverage"].sel(level=0.9)
     title = (
         f"Feature fit over {data.sizes['draw']} draws: error at most "
-        f"{float(data['rmse_over_crb'].max()):.3g} times the Cramer-Rao bound, 90 % intervals hold "
+        f"{float(data['rmse_over_crb'].max()):.3g} times the Cramér–Rao bound, 90 % intervals hold "
         f"the truth in {float(held.min()):.3g} to {float(held.max()):.3g} %"
     )
     return Result(title, data, sections("coverage", "assumed_scan"))
@@ -113,17 +113,19 @@ def _truth(given: Any, on: SyntheticScan, name: str, feature: Feature) -> Mappin
         low, high = ranges.get(part, (-np.inf, np.inf))
         refuse(
             not low < value < high,
-            f"{key} is {value}, but it is looked for from {low:.4g} to {high:.4g}: put it between.",
+            f"{key} is {value}: give a value within the search range, from {low:.4g} to "
+            f"{high:.4g}.",
         )
     amplitude = feature.amplitude
     refuse(
         truth[amplitude] == 0,
-        f"coverage.truth.{name}.{amplitude} is 0: there is nothing to fit, give another value.",
+        f"coverage.truth.{name}.{amplitude} is 0, which leaves nothing to fit: give another value.",
     )
     refuse(
         feature.friction is not None and feature.friction != truth["friction"],
-        f"feature.{name}.friction is {feature.friction}, but coverage.truth.{name}.friction is "
-        f"{truth['friction']}: give the same, or feature.{name}.friction=null.",
+        f"feature.{name}.friction is {feature.friction}, but "
+        f"coverage.truth.{name}.friction is {truth['friction']}: give both the same "
+        f"value, or feature.{name}.friction=null.",
     )
     return truth
 

@@ -11,10 +11,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from jaxtyping import Float
 
-from ..inverse.diagnostics import Quality
+from ..inverse.diagnostics import Quality, without_wiring
 from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
 from ..inverse.line.problem import LineProblem
-from ..report.text import unit_of
 
 Variables = dict[str, tuple[Any, ...]]
 Answer = TypeVar("Answer")
@@ -50,6 +49,17 @@ class Answers(Generic[Answer]):
         return {name: answers[0] for name, answers in self.of.items()}
 
 
+def of_simulated(variables: Variables) -> Variables:
+    """Variables of answers to simulated signals: warnings without advice on a recording's
+    wiring."""
+    said = {
+        name: (dim, [without_wiring(each) for each in texts], *rest)
+        for name, (dim, texts, *rest) in variables.items()
+        if name in ("warnings", "reasons")
+    }
+    return variables | said
+
+
 def estimate_variables(
     answers: Answers[Estimate], dims: Sequence[str], units: tuple[str, str], cells: np.ndarray
 ) -> Variables:
@@ -80,19 +90,6 @@ def score_variables(
     return {
         "error": (by, relative_error(value, truth, cells), "1"),
         "coverage": (by, np.where(has_band, inside, np.nan), "1"),
-    }
-
-
-def reported_parameters(
-    parameters: Mapping[str, tuple[float, float]], unit: Callable[[str], str] = unit_of
-) -> Variables:
-    """Values and standard errors of parameters by name, and the `unit` of each, by default the one
-    at its name's end."""
-    pairs = np.array(list(parameters.values()), float).reshape(-1, 2)
-    return {
-        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
-        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
-        "parameter_unit": ("reported", np.array([unit(name) for name in parameters], str), "1"),
     }
 
 

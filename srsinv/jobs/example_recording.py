@@ -45,7 +45,10 @@ def run(cfg: config.Config) -> Result:
     with config.precision(cfg):
         settings = mapping("example", config.part(cfg, "example"))
         ridges = mapping("example.ridges", settings.get("ridges"))
-        refuse(not ridges, "example.ridges is empty: name one, with height_m, width_m, position_m.")
+        refuse(
+            not ridges,
+            "example.ridges is empty: give one by name, with height_m, width_m and position_m.",
+        )
         for key, wanted in NUMBERS.items():
             number(f"example.{key}", settings.get(key), wanted)
         rng = np.random.default_rng(config.seed(cfg))
@@ -57,7 +60,8 @@ def run(cfg: config.Config) -> Result:
         truth = {n: {part: each[part] for part in RIDGE} | common for n, each in ridges.items()}
         files["truth.json"] = json.dumps(truth, indent=1) + "\n"
         pages = sections("example_recording", signals=signals)
-        title = f"Recordings of {' and '.join(tables)}, as a rig of two films writes them"
+        count = f"{len(tables)} example recording{'s' * (len(tables) > 1)}"
+        title = f"{count} of a rig with two films: {', '.join(tables)}"
         return Result(title, _dataset(tables), pages, files)
 
 
@@ -88,8 +92,8 @@ def _table(
     count = (end_m - start_m - 2 * lead_m) / speed * rate_hz
     refuse(
         not 1 <= count <= MOST_OF_A_PASS,
-        f"example.speed_m_per_s and sample_rate_hz make {count:.3g} samples a pass: give such that "
-        f"make 1 to {MOST_OF_A_PASS}.",
+        f"example.speed_m_per_s and example.sample_rate_hz make {count:.3g} samples "
+        f"per pass: give values that make 1 to {MOST_OF_A_PASS}.",
     )
     steady = np.full(int(count), speed)
     speeds = _there_and_back(steady, int(TURN_S * rate_hz), passes)
@@ -102,8 +106,8 @@ def _table(
     within = np.arange(100, max(speeds.size - 100, 100))
     refuse(
         lost > within.size,
-        f"example.ridges.{name}.lost_rows is {lost}: of {speeds.size} rows at most {within.size} "
-        "can be lost.",
+        f"example.ridges.{name}.lost_rows is {lost}: give at most {within.size} of "
+        f"the {speeds.size} rows.",
     )
     table[:, rng.choice(within, lost, replace=False)] = np.nan
     return table
@@ -188,7 +192,7 @@ def _dataset(tables: Mapping[str, Float[np.ndarray, "4 row"]]) -> xarray.Dataset
 def signals(ds: xarray.Dataset) -> Figure:
     """The channels of each recording over the stage's position."""
     channels = [str(channel) for channel in ds["channel"].values]
-    across, up = plot.PanelAxis("stage position", "m"), plot.PanelAxis("", "V")
+    across, up = plot.PanelAxis("stage position", "m"), plot.PanelAxis("signal", "V")
     parts = [
         plot.Panel(
             [plot.Curve(values, name) for values, name in zip(rows, channels, strict=True)],

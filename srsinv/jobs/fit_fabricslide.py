@@ -210,7 +210,10 @@ def channel_fits(ds: xarray.Dataset) -> Figure:
     """Every channel less its drift, with the pattern fitted to it."""
     pattern = ds["pattern"].values
     signal = pattern + ds["signal"].values - ds["fitted_signal"].values
-    across, up = plot.PanelAxis("position x", "m"), plot.PanelAxis("", ds["signal"].attrs["units"])
+    across, up = (
+        plot.PanelAxis("position x", "m"),
+        plot.PanelAxis("signal", ds["signal"].attrs["units"]),
+    )
     data, fit = {"color": "#b5bcc2", "linewidth": 2.2}, {"color": "#d55e00", "linewidth": 1.0}
     parts = [
         plot.Panel(

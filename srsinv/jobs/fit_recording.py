@@ -6,17 +6,16 @@ Features of traction, or features of a surface that act through contact.
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray
 
-from .. import config
+from .. import config, examples
 from ..errors import refuse
 from ..inverse.diagnostics import Quality, direction_in_words
 from ..inverse.estimate import COMPONENTS
-from ..inverse.features.estimate import FeatureEstimate, probabilities
+from ..inverse.features.estimate import FeatureEstimate, contact_variables, probabilities
 from ..inverse.features.method import FeatureFit
 from ..inverse.features.window import FittedStretch, stretch_of
 from ..inverse.nonlinear import Solver
@@ -24,7 +23,7 @@ from ..inverse.problem import Problem
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import check_volts
-from ..report.answers import answer_of
+from ..report.answers import answer_of, reported_parameters
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
@@ -32,11 +31,10 @@ from ..report.text import quantity_with_error, unit_of
 from . import _facts
 from ._budget import budget_coordinates, budget_variables
 from ._fit_settings import settings_of, surface_fit, traction_fit
-from .estimates import reported_parameters
+from ._hum_free import hum_free_variables
 
-EXAMPLE = Path(__file__).parents[1] / "examples" / "strip_two_element.csv"
+EXAMPLE = examples.path("strip_two_element")
 STRETCH = "stretch_start_m", "stretch_end_m"
-PROFILE_UNITS = {"p": "Pa", "q": "Pa", "height": "m", "gap": "m", "friction": "1"}
 # Parameters that a page's title names, and how.
 IN_TITLE = {
     "height_m": "{} high",
@@ -73,8 +71,8 @@ def run(cfg: config.Config) -> Result:
         mu, first = config.friction(cfg), next(iter(config.part(cfg, "feature")))
         refuse(
             mu is not None,
-            f"friction is {mu}, and here features have their own: leave it out, or give a feature "
-            f"of traction what is known, as feature.{first}.friction={mu}.",
+            f"friction is {mu}, but here each feature has its own: leave it out, or give "
+            f"it as feature.{first}.friction={mu}.",
         )
         solver, recording = config.solver(cfg), config.recording(cfg, str(EXAMPLE))
         check_volts(recording)
@@ -105,7 +103,7 @@ def _fit(
     fits, times = [], []
     # Nothing comes last: the programs of the first search serve all.
     for features in [*sums, {}]:
-        with stage(f"fitting {' + '.join(features) or 'nothing'}"):
+        with stage(f"fitting {' + '.join(features) or 'noise alone'}"):
             start = time.perf_counter()
             fits.append(method.candidate(features, problem))
             times.append(time.perf_counter() - start)
@@ -123,7 +121,7 @@ def _title(fitted: FittedRecording) -> str:
         return f"{fitted.recording.name}: the fit of {name} failed"
     remark = " (doubtful)" if best.quality is Quality.DOUBTFUL else ""
     if best.fit is None:
-        return f"{fitted.recording.name} holds nothing but noise{remark}"
+        return f"{fitted.recording.name}: noise alone explains the signal{remark}"
     if len(best.features) > 1:
         return f"{name.capitalize()} fitted to {fitted.recording.name}{remark}"
     said = [
@@ -171,6 +169,9 @@ def _noise_rms(fitted: FittedRecording) -> float:
 def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Dataset:
     best, problem, unit = fitted.best, fitted.problem, fitted.recording.signal_unit
     motion, along = problem.motion, ("element", "sample")
+    averaged, places = hum_free_variables(
+        problem.motion, problem.mains, float(problem.noise.rms), best.data, best.fitted, unit
+    )
     variables: dict[str, tuple[Any, ...]] = {
         "time": ("sample", motion.time_s, "s"),
         "position": ("sample", motion.position_m, "m"),
@@ -178,6 +179,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         "signal": (along, best.data, unit),
         "fitted_signal": (along, best.fitted, unit),
         "whitened_residual": (along, best.whitened, "1"),
+        **averaged,
         **_profiles(best),
         **reported_parameters(best.parameters),
         **budget_variables(best, problem.rig),
@@ -190,6 +192,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         "component": (list(COMPONENTS), "1"),
         "element": (problem.sensor.element_names, "1"),
         "reported": (list(best.parameters), "1"),
+        **places,
         **budget_coordinates(best),
         "candidate": ([each.name.replace(" + ", "_and_") for each in fitted.candidates], "1"),
     }
@@ -204,16 +207,11 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
 def _profiles(best: FeatureEstimate) -> dict[str, tuple[Any, ...]]:
     """What acts along the line, with its standard errors."""
     profiles = best.profiles()
-    others = [name for name in profiles if name not in COMPONENTS]
-    variables: dict[str, tuple[Any, ...]] = {
-        key: ("x", values, PROFILE_UNITS[name])
-        for name in others
-        for key, values in zip((name, f"{name}_stderr"), profiles[name], strict=True)
-    }
     pairs = zip(*map(profiles.get, COMPONENTS), strict=True)
     value, stderr = (np.stack(each) for each in pairs)
     over = ("component", "x")
-    return variables | {"estimate": (over, value, "Pa"), "estimate_stderr": (over, stderr, "Pa")}
+    own = {"estimate": (over, value, "Pa"), "estimate_stderr": (over, stderr, "Pa")}
+    return contact_variables(profiles) | own
 
 
 def _candidates(fitted: FittedRecording) -> dict[str, tuple[Any, ...]]:

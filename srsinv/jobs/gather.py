@@ -20,7 +20,7 @@ from ..errors import LARGEST, echo, printable, refuse
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
-from ..report.text import quantity, unit_of
+from ..report.text import in_words, quantity, spoken, suffix, unit_of
 from ..run_folder import GATHERED
 from ._swept import SweptJob, failed_jobs, metric_units, swept_jobs
 
@@ -59,8 +59,8 @@ def gathered(
     first_reason = f" ({jobs[0].place}: {jobs[0].reason})" if jobs else ""
     refuse(
         not done,
-        f"{printable(str(folder))} has no runs of srsinv{first_reason}: give the folder of a "
-        "sweep, in which each run has its own.",
+        f"{printable(str(folder))} has no runs of srsinv{first_reason}: give the "
+        "folder of a sweep, which has one folder for each run.",
     )
     keys, units = _varied(jobs), metric_units(done)
     every = dict.fromkeys(itertools.chain.from_iterable(job.metrics for job in done))
@@ -151,8 +151,8 @@ def _drawn_metrics(
         for name in chosen:
             refuse(
                 name not in numeric,
-                f"gather.metrics names {echo(name)}, which is no number of these runs: give some "
-                f"of {', '.join(numeric[:20])}.",
+                f"gather.metrics names {echo(name)}, which is not a number of these runs: "
+                f"choose from {', '.join(numeric[:20])}.",
             )
         return list(chosen)
     names = [
@@ -174,13 +174,24 @@ def _title(data: xarray.Dataset, keys: Sequence[str], names: Sequence[str]) -> s
     jobs, failed = data.sizes["job"], int(data["jobs_failed"])
     count = f"{jobs - failed} of {jobs} jobs" if failed else f"{jobs} jobs"
     if not names:
-        return f"{count} over {', '.join(keys) or 'one setting'}: no metric differs"
+        varied = ", ".join(map(in_words, keys)) or "one setting"
+        return f"{count} over {varied}: no metric differs"
     values, units = data[names[0]].values, data[names[0]].attrs["units"]
     low, high = (
-        f"{quantity(float(values[at]), units)} ({data['setting'].values[at]})"
+        f"{quantity(float(values[at]), units)} ({_job_in_words(data.isel(job=at), keys)})"
         for at in (np.nanargmin(values), np.nanargmax(values))
     )
-    return f"{names[0]} goes from {low} to {high} in {count}"
+    name = in_words(names[0])
+    return f"{name[:1].upper()}{name[1:]} goes from {low} to {high} in {count}"
+
+
+def _job_in_words(job: xarray.Dataset, keys: Sequence[str]) -> str:
+    """What was varied in one job, in words: `signal-to-noise ratio 40 dB, scene ridge`."""
+    words = (
+        f"{in_words(key)} {spoken(job[key].item())}{suffix(job[key].attrs['units'])}"
+        for key in keys
+    )
+    return ", ".join(words) or str(job["setting"].item())
 
 
 def _setting(job: SweptJob, keys: Iterable[str]) -> str:

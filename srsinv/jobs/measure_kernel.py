@@ -17,7 +17,7 @@ from ..inverse.kernel.over_feature import FeatureKernel, measure_over_feature
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import check_volts
-from ..report.answers import answer_of
+from ..report.answers import answer_of, reported_parameters
 from ..report.data import dataset, scalars
 from ..report.result import Result
 from ..report.section import sections
@@ -27,7 +27,6 @@ from ._fit_settings import known_feature, names_of, rig_settings
 from ._kernel_plots import draw_kernels, draw_signals
 from ._passes import repeating_share
 from ._written_files import Target, check_target
-from .estimates import reported_parameters
 
 FILE = "kernel.nc"
 MODELS = ("theory", "kernel")
@@ -87,11 +86,14 @@ def run(cfg: config.Config) -> Result:
 
 def _parameters(given: Mapping[str, Any]) -> tuple[str, ...] | None:
     unknown = sorted(set(given) - set(KEYS))
-    refuse(bool(unknown), f"kernel has no key {unknown and unknown[0]!r}: {', '.join(KEYS)}.")
+    refuse(
+        bool(unknown),
+        f"kernel has no key {unknown and unknown[0]!r}: choose from {', '.join(KEYS)}.",
+    )
     named = given.get("parameters")
     refuse(
         isinstance(named, bool | int | float | dict),
-        f"kernel.parameters is {echo(named)}: give null, or a list of names, empty for none.",
+        f"kernel.parameters is {echo(named)}: give null, or a list of names, [] for none.",
     )
     return None if named is None else names_of("kernel.parameters", named)
 

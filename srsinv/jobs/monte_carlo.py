@@ -53,13 +53,18 @@ def inversions(
 ) -> dict[str, Callable[[LineProblem], Estimate]]:
     """The methods by the page's names, and the fit of the sum of features, where there are any.
 
-    Raises `BadInput` for fewer than two.
+    Raises `BadInput` for fewer than two, and for a method of the label that the fit has.
     """
+    refuse(
+        FEATURE_FIT.lower() in map(str.lower, methods),
+        f"A method has the label {FEATURE_FIT!r}, which the fit of features has: name its file "
+        "otherwise.",
+    )
     named = dict(methods) | ({FEATURE_FIT: FeatureFit(features, solver)} if features else {})
     refuse(
         len(named) < 2,
-        f"There are fewer than two methods to compare ({len(named)}): give two at least, by "
-        "method=[wiener_evidence,tikhonov] and feature=[strip_load].",
+        f"There are fewer than two methods to compare ({len(named)}): give at least "
+        "two, by method=[wiener_evidence,tikhonov] and feature=[strip_load].",
     )
     return {name: computed(method) for name, method in named.items()}
 

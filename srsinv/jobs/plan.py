@@ -31,7 +31,7 @@ from ._plan_recording import RecordingRecipes
 from ._plan_scene import SceneRecipes, Scenes
 from ._plan_search import Plan, search
 
-MOST_LISTED = 4  # effects: of more it is said which are off
+MOST_LISTED = 4  # effects: of more the page names those that are off
 AROUND = 1.3  # a margin around what is drawn, as a factor
 FINER = 4  # times: the converged answer beside the one that others are measured against
 Variables = dict[str, tuple[Any, ...]]
@@ -52,8 +52,8 @@ class Asked:
         """Raises `BadInput` where nothing is asked for, and for what is no number."""
         refuse(
             error is None and budget_s is None,
-            "Nothing is asked for: give error=0.01 for an answer within 1 %, budget_s=1 for one "
-            "within a second, or both.",
+            "error and budget_s are both null: give error=0.01 for an answer within 1 %, "
+            "budget_s=1 for one within a second, or both.",
         )
         refuse(runs not in (True, False), f"plan.run is {runs}: give true or false.")
         wanted = "a positive number, as 0.01 for 1 %"
@@ -74,7 +74,7 @@ def run(cfg: config.Config) -> Result:
     settings, wanted = config.part(cfg, "plan"), choice("quantity", cfg["quantity"], QUANTITIES)
     asked = Asked.checked(wanted, cfg["error"], cfg["budget_s"], settings["run"])
     start = time.perf_counter()
-    with jax.enable_x64(True), stage("trying ways of computing"):
+    with jax.enable_x64(True), stage("trying settings"):
         if config.part(cfg, "recording")["path"] is None:
             # The scene has its own noise and elements where none are named.
             noise, facts = config.part(cfg, "noise"), dict(settings["scene_sensor"])
@@ -205,15 +205,16 @@ def _title(plan: Plan, asked: Asked) -> str:
     seconds = in_words(outcome.seconds, "s")
     what = f"{quantity} on {outcome.cells} cells"
     if error is not None and plan.error > error:
-        return f"Not reached: {what} leaves an error of {predicted}, and none of the ways less"
+        return f"The target error is not met: {what} has {predicted}, and no trial has less"
     if error is not None and outcome.floor > error:
         return (
-            f"Not in the data: floor {significant(100 * outcome.floor, 2)} %; {what} adds a "
-            f"numerical error of {predicted}, in {seconds}"
+            f"Noise alone makes an error of {significant(100 * outcome.floor, 2)} %; {what} adds a "
+            f"numerical error of {predicted} in {seconds}"
         )
     if budget_s is not None and outcome.seconds > budget_s:
-        return f"Not within {in_words(budget_s, 's')}: {what} takes {seconds}, for {predicted}"
-    return f"{what[0].upper()}{what[1:]} within {predicted} in {seconds}"
+        budget = in_words(budget_s, "s")
+        return f"The budget of {budget} is exceeded: {what} takes {seconds} for {predicted}"
+    return f"{what[0].upper()}{what[1:]}: a numerical error of {predicted} in {seconds}"
 
 
 def tradeoff(ds: xarray.Dataset) -> Figure:
@@ -232,9 +233,9 @@ def tradeoff(ds: xarray.Dataset) -> Figure:
     marks = [
         Mark(float(ds[name]), label, axis, look={"color": GREY, "linestyle": linestyle})
         for name, label, axis, linestyle in (
-            ("plan_error_asked", "error asked for", "y", "--"),
-            ("plan_budget_s_asked", "budget", "x", ":"),
-            ("plan_floor", "floor of the data", "y", "-."),
+            ("plan_error_asked", "target error", "y", "--"),
+            ("plan_budget_s_asked", "time budget", "x", ":"),
+            ("plan_floor", "error by noise", "y", "-."),
         )
         if name in ds and float(ds[name]) > 0
     ]

@@ -85,8 +85,8 @@ def run(cfg: config.Config) -> Result:
     data = _dataset([*features, NOTHING], evidence, times, truths, facts)
     right = data["chosen"].values.diagonal()
     title = (
-        f"The right feature in {right[:-1].sum()} of {draws * len(features)} draws, nothing in "
-        f"{right[-1]} of {draws} of noise"
+        f"The true feature is identified in {right[:-1].sum()} of {draws * len(features)} draws, "
+        f"noise alone in {right[-1]} of {draws}"
     )
     return Result(title, data, sections("ranking", "assumed_scan"))
 
@@ -105,13 +105,13 @@ def _ranges(given: Any, name: str, feature: Feature) -> Ranges:
     least = ranges[feature.amplitude][0]
     refuse(
         not least > 0,
-        f"ranking.truth_ranges.{name}.{feature.amplitude} begins at {least}: give sizes above 0, "
-        "either sign is drawn.",
+        f"ranking.truth_ranges.{name}.{feature.amplitude} begins at {least}: give "
+        "sizes above 0, as draws have either sign.",
     )
     refuse(
         feature.friction is not None,
-        f"feature.{name}.friction is {feature.friction}, but ranking draws the friction: leave it "
-        "null.",
+        f"feature.{name}.friction is {feature.friction}, but ranking draws the "
+        f"friction: give feature.{name}.friction=null.",
     )
     return ranges
 

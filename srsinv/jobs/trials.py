@@ -178,8 +178,7 @@ class _RowFile:
         if not os.path.lexists(path):
             refuse(
                 not os.access(path.parent, os.W_OK | os.X_OK),
-                f"{self._key}: {path}: there is no folder of its own to write it to: make that "
-                "first.",
+                f"{self._key}: {path}: the folder to write it to does not exist: create it first.",
             )
             return
         with self._appended():
@@ -221,7 +220,7 @@ class _RowFile:
             with open(os.open(self._path, flags), "r+b") as file:
                 found = os.fstat(file.fileno())
                 if not stat.S_ISREG(found.st_mode) or found.st_nlink > 1:
-                    raise OSError(errno.EINVAL, "this is no plain file of one name")
+                    raise OSError(errno.EINVAL, "this is not a regular file with one name")
                 # It comes with its first row, so that this one is whole.
                 self._parsed(1, file.readline(MOST_BYTES))
                 yield file
@@ -243,8 +242,8 @@ class _RowFile:
             row = _read(row)
         except (ValueError, TypeError, KeyError, AttributeError, RecursionError) as error:
             raise BadInput(
-                f"{self._key}: line {number} of {self._path} is no row of a trial: name another "
-                "file, or delete that line."
+                f"{self._key}: line {number} of {self._path} is not a row of trials: name "
+                "another file, or delete that line."
             ) from error
         return identity, row
 

@@ -47,7 +47,7 @@ _START = (
 _ENDED = struct.Struct("=i")  # how a process ended, as `os.waitpid` has it
 _NO_FORK = -1
 _TOO_LONG = (getattr(signal, "SIGXCPU", None), getattr(signal, "SIGALRM", None))
-_OTHERWISE = "save the recording as .csv or .npz, which are read without a process of their own"
+_OTHERWISE = "save the recording as .csv or .npz"
 _ONE_THREAD = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "OMP", "MKL")}
 
 
@@ -98,18 +98,17 @@ def _refuse_end(name: str, status: int | None) -> None:
     ended = None if status is None or status < 0 else os.waitstatus_to_exitcode(status)
     if status is None or status == _NO_FORK:
         raise BadInput(
-            f"{name}: the process that reads it cannot be started: allow more memory and processes "
-            f"(ulimit -v and -u, or the scheduler's), or {_OTHERWISE}."
+            f"{name}: the process that reads it cannot be started: allow more memory and "
+            f"processes, as by ulimit -v and ulimit -u, or {_OTHERWISE}."
         )
     if ended == -signal.SIGKILL:
         raise BadInput(
-            f"{name}: the process that read it was killed: allow more memory (the scheduler's), or "
-            f"{_OTHERWISE}."
+            f"{name}: the process that read it was killed: allow more memory, or {_OTHERWISE}."
         )
     if ended is not None and -ended in _TOO_LONG:
         raise BadInput(
-            f"{name}: reading takes longer than a file of this size may: write it again, in larger "
-            "chunks, and check that it is not damaged."
+            f"{name}: reading takes longer than a file of this size may: check that it is "
+            "not damaged, and write it again in larger chunks."
         )
 
 

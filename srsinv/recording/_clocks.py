@@ -76,8 +76,8 @@ def take_own_times(table: ColumnTable, blocks: Mapping[str, Sequence[str]]) -> N
     times = {name: _own_rows(table, own[name], blocks[name]) for name in own}
     if unit is None or not all(map(_are_even, times.values())):
         raise BadInput(
-            f"{table.name}: the {len(own)} columns {quoted(first)} differ, and are uneven or in no "
-            "unit that the file states: write one column of times for all columns."
+            f"{table.name}: the {len(own)} columns {quoted(first)} differ, and are uneven "
+            "or without a unit: write one column of times for all columns."
         )
     steps = {name: (values[-1] - values[0]) / (values.size - 1) for name, values in times.items()}
     del table.columns[first]  # the clocks have its times
@@ -139,16 +139,16 @@ def on_one_clock(table: ColumnTable, channels: Sequence[str], motion: Sequence[s
     late = [name for name, each in stated.items() if each.start_s]
     refuse(
         base is None and bool(late),
-        f"{table.name}: the file states when {listing(late)} begins, and not when "
-        f"{quoted(channels[0])} does: state both, or neither.",
+        f"{table.name}: the file states the start of {listing(late)}, but not of "
+        f"{quoted(channels[0])}: state both, or neither.",
     )
     if base is None or all(_are_one(base, each) for each in stated.values()):
         rate = {"sample_rate_hz": 1 / base.interval_s} if base and base.interval_s else {}
         return replace(table, sidecar=rate | table.sidecar) if rate else table
     refuse(
         not base.interval_s,
-        f"{table.name}: the file states that {listing(stated)} begin at different times, and not "
-        "their interval: state it, or align them.",
+        f"{table.name}: the file states that {listing(stated)} begin at different "
+        "times, but not their interval: state it, or align them.",
     )
     clocks = {name: _since(base, each) for name, each in stated.items()}
     first = {name: _shift(table, channels, name, clocks) for name in channels}
@@ -160,8 +160,8 @@ def on_one_clock(table: ColumnTable, channels: Sequence[str], motion: Sequence[s
         end = min(end, int(np.floor(last + _SAME_START)) + 1)
     refuse(
         end <= begin,
-        f"{table.name}: the columns {listing(clocks)} have no time in common, by the starts that "
-        "the file states: record them together.",
+        f"{table.name}: the columns {listing(clocks)} do not overlap in time, by the "
+        "starts that the file states: record them together.",
     )
     columns = dict(table.columns)
     samples = columns[channels[0]].size
@@ -200,9 +200,8 @@ def _shift(
     start, interval = clocks.get(name, (0.0, 1.0))
     refuse(
         abs(interval - 1) > _SAME_RATE or abs(start - round(start)) > _WHOLE,
-        f"{table.name}: the signals {listing(channels)} are not sampled at the same times: "
-        f"{quoted(name)} begins {start:.6g} samples after {quoted(channels[0])}, at {interval:.9g} "
-        "times its interval: interpolate them to common times, or leave one out by "
+        f"{table.name}: the signals {quoted(channels[0])}, {quoted(name)} are not sampled at the "
+        "same times: interpolate them to common times, or leave one out by "
         "recording.channels=[...].",
     )
     return round(start)

@@ -121,8 +121,8 @@ def resolve(table: ColumnTable, given: str) -> str:
     near = [c for c in table if folded in (c.casefold(), bracketed(c)[0].casefold())]
     refuse(
         len(near) > 1,
-        f"{table.name}: {echo(given)} may be any of the columns {listing(near)}: give the whole "
-        "name.",
+        f"{table.name}: {echo(given)} may be any of the columns {listing(near)}: give "
+        "the column's whole name.",
     )
     return near[0] if near else given
 
@@ -155,8 +155,8 @@ def column_of(table: ColumnTable, facts: Mapping[str, Any], quantity: Quantity) 
         column = resolve(table, stated)
         refuse(
             column not in table,
-            f"{table.name}: recording.{quantity}_column is {echo(stated)}, and there is no column "
-            f"{echo(stated)} among {listing(table)}: name one of them.",
+            f"{table.name}: recording.{quantity}_column is {echo(stated)}, which is not "
+            f"among the columns {listing(table)}: name one of them.",
         )
         table.check_usable(column)
         return column
@@ -245,9 +245,8 @@ def signal_columns(table: ColumnTable, facts: Mapping[str, Any]) -> tuple[str, .
     chosen = [*first, *(c for c in left if _is_signal(table, c))] or table.signals
     refuse(
         not chosen,
-        f"{table.name}: there is no column voltage_0_V, voltage_1_V, ..., none in V, mV or uV, and "
-        f"none called channel, among the columns {listing(table.columns)}: name the signals by "
-        "recording.channels=[...].",
+        f"{table.name}: no signal is recognised among the columns "
+        f"{listing(table.columns)}: name the signals by recording.channels=[...].",
     )
     return tuple(chosen)
 

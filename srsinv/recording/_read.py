@@ -67,9 +67,26 @@ def load(
     times: str = TIMES_OF_ROWS[0],
     **known: Any,
 ) -> Recording:
-    """The recording in `path`: text (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc),
-    MATLAB 5 or 7.3 (.mat) or WAV; TDMS, Parquet or FLAC with `pip install srsinv[tdms]`,
-    `[parquet]` or `[flac]`; or what `reader` reads.
+    """Load a recording from a file, with the facts of its sidecar.
+
+    - `path`: text (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB 5 or 7.3 (.mat)
+      or WAV; TDMS, Parquet or FLAC with `pip install srsinv[tdms]`, `[parquet]` or `[flac]`.
+    - `reader`: a `srsinv.kinds.Reader`, for a format of your own; by default the one of the
+      suffix.
+    - `sidecar`: path of a JSON or YAML mapping of further facts. None: NAME.json, NAME.yaml or
+      NAME.yml beside the file, where there is one.
+    - `calibration`: path of the mapping that a calibration of the rig wrote. Its gain, polarity and
+      sensor win over the sidecar's.
+    - `missing`: "allow" takes an empty cell of a signal (NaN in an array) for a missing sample, NaN
+      in the result; by default it is refused.
+    - `times`: "ignore" leaves a column of times out, for stamps that are wrong: the rows are taken
+      as even at `sample_rate_hz`, none missing; "use" takes it.
+    - `known`: facts by the keys of a sidecar, as `speed_m_per_s=0.05`, `sample_rate_hz=2000`,
+      `gain=100`, `sensor={...}`. They override the file's and both mappings', in depth; None: not
+      given.
+
+    Returns a [`Recording`][srsinv.Recording], its signals (element, sample) in V or in the unit
+    that is stated. Raises `BadInput` for a file that cannot be read as such a recording.
 
     Columns (1-D, of equal length; in MATLAB row or column vectors, or fields of one struct) end in
     their unit, as `Name (unit)`, `Name [unit]` or `name_unit`, in any case; or the file states it,
@@ -90,20 +107,10 @@ def load(
     continued, positions that are held between reports are interpolated, and columns that start at
     different times are aligned, each with a sentence in `Recording.notes`.
 
-    `sidecar` names a JSON or YAML mapping of further facts; without it NAME.json, NAME.yaml or
-    NAME.yml beside the file is read if it is there. `calibration` names the one that a calibration
-    of the rig wrote: its gain, polarity and sensor win over the sidecar's. `known` holds facts too
-    (None: not given) and overrides both, in depth, and the file's speed and position.
-
     A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
     "counts"; values in mV or uV are converted to V. It is multiplied by `polarity` (1 or -1) and
     divided by `gain`, each one number or one for each channel; a gain is in the signal's unit per
     volt, so that the result is in V whatever that unit is.
-
-    `missing="allow"` takes an empty cell of a signal (NaN in an array) for a missing sample, NaN in
-    the result; by default it is refused. `times="ignore"` leaves a column of times out, for stamps
-    that are wrong: the rows are taken as even at `sample_rate_hz`, none missing. Raises `BadInput`
-    for files that cannot be read as such a recording.
     """
     path = path_of(path, "recording.path")
     choice(f"{path.name}: recording.missing", missing, MISSING)
@@ -185,9 +192,9 @@ def _present(table: ColumnTable, column: str, missing: str) -> Float[np.ndarray,
     row = int(over.argmax())
     refuse(
         missing != "allow",
-        f"{table.name}: column {quoted(column)}, data row {table.row_of(row)} holds "
-        f"{values[row]:g}, which instruments write for a sample beyond their range: set "
-        "recording.missing=allow, so that it is a missing sample.",
+        f"{table.name}: data row {table.row_of(row)} of column {quoted(column)} is "
+        f"{values[row]:g}, an instrument's code for a sample out of range: set "
+        "recording.missing=allow to treat it as missing.",
     )
     return np.where(over, np.nan, values)
 
@@ -243,14 +250,14 @@ def _time_s(
         return values / PER_S[unit]
     refuse(
         facts.get("sample_rate_hz") is None and column_of(table, facts, "time") is not None,
-        f"{table.name}: recording.times=ignore leaves the times out: give "
+        f"{table.name}: recording.times=ignore needs the sampling rate: give "
         "recording.sample_rate_hz=...",
     )
     refuse(
         facts.get("sample_rate_hz") is None,
-        f"{table.name}: there is no time column (time_s, time_ms or time_us) among the columns "
-        f"{listing(table.columns)}: name it by "
-        f"recording.time_column={_typed_column(table, facts, 'time')}, or give "
+        f"{table.name}: no column of times is recognised among "
+        f"{listing(table.columns)}: give "
+        f"recording.time_column={_typed_column(table, facts, 'time')}, or "
         "recording.sample_rate_hz=...",
     )
     with np.errstate(over="ignore"):  # at so low a rate that the times are refused
@@ -271,8 +278,8 @@ def _unit(
     written = written_unit(table, column)
     refuse(
         unit is None and written is not None,
-        f"{its} is {written}, which is none of {listed}: convert the column to one of them, or "
-        f"give {key}=... only if it is one of them by another name.",
+        f"{its} is {written}, which is none of {listed}: convert the column, or give "
+        f"{key}=... if it is one of them by another name.",
     )
     if two := units_that_differ(table, column, units):
         raise BadInput(
@@ -282,8 +289,8 @@ def _unit(
     # recording.time_unit is that of a bare column, which boards' settings state for all files.
     refuse(
         stated not in (None, unit) and quantity != "time",
-        f"{its} is {unit}, by {source}, and {key} is {stated}: leave that out, or, if the column's "
-        "name is wrong, rename it.",
+        f"{its} is {unit} by {source}, but {key} is {stated}: leave {key} out, or "
+        "rename the column if its name is wrong.",
     )
     return str(unit)
 
@@ -396,10 +403,10 @@ def _speed_m_per_s(
     no_unit = f", and the unit of column {quoted(column)} is not stated" if column else ""
     refuse(
         facts.get(SPEED) is None,
-        f"{table.name}: no speed: there is no column {SPEED} or {POSITION} among the columns "
-        f"{listing(table.columns)}{no_unit}: name one by "
-        f"recording.position_column={_typed_column(table, facts, 'position')}, with "
-        f"recording.position_unit where it states none, or give recording.{SPEED}=...",
+        f"{table.name}: no column of speeds or positions is recognised among "
+        f"{listing(table.columns)}{no_unit}: give "
+        f"recording.position_column={_typed_column(table, facts, 'position')} and its "
+        f"unit, recording.position_unit, or recording.{SPEED}=...",
     )
     return np.full(columns[TIME].size, float(facts[SPEED]))
 
@@ -463,9 +470,9 @@ def _check_scaling(table: ColumnTable, channels: tuple[str, ...], has_gain: bool
     stated += [f"{key} {echo(value)}" for key, value in table.scaling.items()]
     refuse(
         bool(stated) and not has_gain,
-        f"{table.name}: the file states {listing(stated)}, and not whether its numbers contain it: "
-        "give recording.gain=..., how many of the signal's numbers a volt of the film's amplifier "
-        "is, one for each channel where they differ.",
+        f"{table.name}: the file states {listing(stated)}, but not whether it is "
+        "applied: give recording.gain=..., the recorded units per volt of the film's "
+        "amplifier.",
     )
 
 

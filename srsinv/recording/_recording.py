@@ -18,7 +18,9 @@ NO_TOLERANCE, HAND_MADE = TOLERANCE_WORDS = "none", "default"
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """One scan. Arrays are stored as read-only float64 copies.
+    """A recording of one scan: signals, times, motion and the facts of its sidecar.
+
+    Arrays are stored as read-only float64 copies.
 
     - `signal`: (element, sample), in `signal_unit`; NaN marks a missing sample.
     - `time_s`: (sample,), strictly increasing [s], from any origin.
@@ -113,7 +115,7 @@ class Recording:
             refuse(
                 bool(bad.any()),
                 f"{self.name}: {column} is not finite at data row {bad.argmax() + 1}: "
-                "correct the value or leave the row out.",
+                "correct the value or drop the row.",
             )
         for column, values in named.items():
             check_range(self.name, column, values)
@@ -184,8 +186,7 @@ def check_samples(name: str, samples: int) -> None:
     """Refuse a recording of too few samples."""
     refuse(
         samples < MIN_SAMPLES,
-        f"{name}: too few samples: {samples} where at least {MIN_SAMPLES} are needed: give a "
-        "longer recording.",
+        f"{name}: {samples} samples are too few: give a recording of at least {MIN_SAMPLES}.",
     )
 
 
@@ -203,7 +204,7 @@ def check_range(
         row = int(outside.argmax())
         raise BadInput(
             f"{name}: {column} is {values[row]:g} at data row {row_of(row)}, beyond {LARGEST:g}: "
-            "correct the value or its unit, or leave the row out if the file has times."
+            "correct the value or its unit, or drop the row if the file has times."
         )
 
 
@@ -213,12 +214,12 @@ def check_times(name: str, time_s: np.ndarray, row_of: Callable[[int], int] = _n
     stuck = np.flatnonzero(np.diff(time_s) <= 0)
     if stuck.size:
         row = int(stuck[0]) + 1
+        is_equal = time_s[row] == time_s[row - 1]
+        remedy = "drop it or write more digits" if is_equal else "reorder the rows"
         raise BadInput(
-            f"{name}: time must increase strictly, but data row {row_of(row)} ({time_s[row]} s) "
-            f"does not come after data row {row_of(row - 1)} ({time_s[row - 1]} s): drop or "
-            "reorder the rows, or write the times with more digits where rounding made them equal; "
-            "where no row is lost and only the times are wrong, give recording.times=ignore and "
-            "recording.sample_rate_hz=..."
+            f"{name}: data row {row_of(row)} ({time_s[row]} s) does not come after data row "
+            f"{row_of(row - 1)} ({time_s[row - 1]} s): {remedy}, or, if only the times are wrong, "
+            "give recording.times=ignore and recording.sample_rate_hz=..."
         )
     close = np.flatnonzero(np.diff(time_s) < 1 / LARGEST)
     if close.size:

@@ -43,6 +43,8 @@ from ._fact_types import (
 from ._recording import TOLERANCE_WORDS
 from ._table import LONGEST_NAME
 
+_MOST_LISTED = 12  # keys that a sentence names
+_TEMPLATE = "experiment=inspect_recording writes a sidecar with the usual keys"
 # Keys that no command line has.
 _SIDECAR_ALONE = ("description", "scan_length_m", "sensor", "skin", "feature", "rig_error")
 
@@ -199,10 +201,11 @@ def _sentence(error: Any) -> str:
     known = _keys_at(path[:-1])
     if error["type"] == "extra_forbidden":
         near = nearest_name(path[-1], known)
-        hint = f"the nearest is {near}" if near else f"there are {', '.join(known)}"
+        listed = f"there are {', '.join(known)}" if len(known) <= _MOST_LISTED else _TEMPLATE
+        hint = f"the nearest is {near}" if near else listed
         return (
-            f"there is no key {echo(key)}: {hint}; free text goes into description: correct it "
-            "in the sidecar or on the command line."
+            f"there is no key {echo(key)}: {hint}; correct it in the sidecar or on the "
+            "command line, or put free text into description."
         )
     expected = error.get("ctx", {}).get("expected") or (
         "a list" if error["type"] == "list_type" else f"a mapping ({', '.join(_keys_at(path))})"

@@ -89,8 +89,9 @@ def read_sidecar(
         beside = [path for path in named if os.path.lexists(path)]
         refuse(
             len(beside) > 1,
-            f"{recording.name}: there are {len(beside)} sidecars beside it, "
-            f"{', '.join(path.name for path in beside)}: name one by recording.sidecar=FILE.",
+            f"{recording.name}: the file has {len(beside)} sidecars, "
+            f"{', '.join(path.name for path in beside)}: name one by "
+            "recording.sidecar=FILE.",
         )
         return _read(beside[0], key) if beside else {}
     refuse(
@@ -125,8 +126,8 @@ def parse(name: str, text: str, kind: Literal["JSON", "YAML"]) -> dict[str, Any]
         raise BadInput(f"{name}: {_reason(error)}: correct the sidecar's {kind}.") from error
     refuse(
         not isinstance(content, dict),
-        f"{name}: the sidecar holds {echo(content)} where a mapping of names to values is "
-        "expected: write it as such.",
+        f"{name}: the sidecar is {echo(content)}, not a mapping of names to values: "
+        "write it as lines of name: value.",
     )
     return content
 
@@ -204,7 +205,7 @@ def check_elements(name: str, facts: Mapping[str, Any], channels: tuple[str, ...
     elements = (facts.get("sensor") or {}).get("elements")
     refuse(
         elements is not None and len(elements) != len(channels),
-        f"{name}: the sidecar's sensor.elements lists {len(elements or ())} but {len(channels)} "
-        f"signal columns are read ({', '.join(channels)}): give one element for each in the "
-        "sidecar, or choose columns by recording.channels=[...].",
+        f"{name}: the sidecar's sensor.elements lists {len(elements or ())} elements, "
+        f"but the signal columns are {', '.join(channels)}: give one element for "
+        "each, or choose columns by recording.channels=[...].",
     )

@@ -47,8 +47,8 @@ def speed_of_positions(
     since_s = time_s - time_s[0]  # far from zero a spline's knots would lose digits
     refuse(
         bool(np.min(np.diff(since_s)) < _LEAST_INTERVAL * since_s[-1]),
-        f"{name}: no speed can be derived from the positions at these times, as some are too "
-        f"close together: add a column {SPEED} or give recording.{SPEED}=...",
+        f"{name}: some times are too close together to derive a speed from the "
+        f"positions: add a column {SPEED}, or give recording.{SPEED}=...",
     )
     step_m = position_step(position_m)
     if step_m is not None:

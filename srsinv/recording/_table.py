@@ -181,7 +181,7 @@ class ColumnTable:
         """Refuse more columns than the limit."""
         refuse(
             columns > MOST_COLUMNS,
-            f"{self.name}: the file names {columns} columns or more, above the limit of "
+            f"{self.name}: the file has {columns} columns or more, above the limit of "
             f"{MOST_COLUMNS}: keep those of one scan.",
         )
 
@@ -191,16 +191,16 @@ class ColumnTable:
         total = samples + sum(column.size for column in self.columns.values())
         refuse(
             total > MOST_SAMPLES,
-            f"{self.name}: column {quoted(name)} states {samples} samples, which brings the file "
-            f"above the limit of {MOST_SAMPLES} in all its columns: write the file again, or in "
+            f"{self.name}: column {quoted(name)} states {samples} samples, so the file "
+            f"exceeds the limit of {MOST_SAMPLES} in all columns: write it again in "
             "shorter parts.",
         )
         size = samples * itemsize + sum(column.nbytes for column in self.columns.values())
         refuse(
             self.stored is not None and size > most_unpacked(self.stored),
-            f"{self.name}: column {quoted(name)} states {samples} samples, which brings the file's "
-            f"{self.stored} bytes to {size} unpacked, more than {_MOST_PER_BYTE} for each: write "
-            "the file again, without compression.",
+            f"{self.name}: column {quoted(name)} states {samples} samples, so "
+            f"{self.stored} bytes of file would unpack to {size}: write the file again, "
+            "without compression.",
         )
 
     def _check_text(self, what: str, text: str) -> None:
@@ -234,7 +234,7 @@ class ColumnTable:
         its = f"{self.name}: column {quoted(column)} {self.unusable.get(column)}"
         refuse(
             column in self.unusable and column in self.stamps,
-            f"{its}: write seconds, or stamps such as 2025-02-11T10:11:12.5, or, only where no row "
+            f"{its}: write seconds or stamps such as 2025-02-11T10:11:12.5, or, if no row "
             "is lost, give recording.times=ignore and recording.sample_rate_hz=...",
         )
         refuse(column in self.unusable, f"{its}: store it as a 1-D array of real numbers.")
@@ -282,18 +282,17 @@ class ColumnTable:
         is_text = column in self.texts
         cell = str(value) if not is_text else self.texts[column] if np.isinf(value) else ""
         mark = self.marks.get(column) if np.isnan(value) else None
-        fault = f"holds {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
+        fault = f"is {cell[:_CELL]!r}, not a finite number" if cell else "is empty"
         if mark:
-            fault = f"holds no number, as it is empty or a mark such as {mark[:_CELL]!r}"
-        its = f"{self.name}: column {quoted(column)}, data row {self.row_of(row)} {fault}"
+            fault = f"is no number, but empty or a mark such as {mark[:_CELL]!r}"
+        its = f"{self.name}: data row {self.row_of(row)} of column {quoted(column)} {fault}"
         marked = marked_number(cell)
         refuse(
             marked is not None,
-            f"{its}, for {marked!r} may part thousands or decimals: write the numbers with a point "
-            "for decimals and no other mark.",
+            f"{its}, as {marked!r} may separate thousands or decimals: write the numbers "
+            "with a decimal point and no other mark.",
         )
-        raise BadInput(
-            f"{its}: correct "
-            "it, or leave the row out if the file has times, or, if this is a missing sample of a "
-            "signal, leave the cell empty (NaN in an array) and set recording.missing=allow."
-        )
+        allow = "set recording.missing=allow"
+        if np.isnan(value):
+            raise BadInput(f"{its}: fill it in, or, for a signal, {allow}.")
+        raise BadInput(f"{its}: correct it, or, for a signal, empty the cell and {allow}.")

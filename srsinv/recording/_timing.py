@@ -175,17 +175,16 @@ def even_times(
     if missing > MAX_MISSING_RATIO * row.size:
         longest = max(stamps.gaps, key=lambda gap: gap.length_s)
         raise BadInput(
-            f"{name}: {missing} rows are lost and {row.size} are there: cut the recording at its "
-            f"longest gap, of {longest.length_s:.4g} s, after data row {longest.row} (blank rows "
-            f"aside), at {longest.start_s:.9g} s."
+            f"{name}: {missing} rows are missing and only {row.size} are there: cut the "
+            f"recording at its longest gap, of {longest.length_s:.4g} s, after data row "
+            f"{longest.row} at {longest.start_s:.9g} s."
         )
     refuse(
         not stamps.is_even,
-        f"{name}: the sampling interval varies by {stamps.jitter_largest:.0%} of its mean, gaps "
-        f"aside, more than {JITTER:.0%}, so that the rows stand on no even times: interpolate the "
-        "signal to even times by its own time stamps, or, only where the converter's clock was "
-        "even and no row is lost, so that the stamps alone are wrong, give recording.times=ignore "
-        "and recording.sample_rate_hz=...",
+        f"{name}: the sampling interval varies by {stamps.jitter_largest:.0%}, more "
+        f"than {JITTER:.0%}: interpolate the signal to even times, or, if only the "
+        "times are wrong, give recording.times=ignore and "
+        "recording.sample_rate_hz=...",
     )
     return _on(time_s, row)
 
@@ -214,11 +213,10 @@ def check_rate(
     agrees = _agree(stated_hz, stamps.rate_hz, time_s)
     refuse(
         not agrees and _without_loss(time_s, stated_hz) is None,
-        f"{name}: sample_rate_hz is {stated_hz:.6g}, but the time stamps come at "
-        f"{stamps.rate_hz:.6g} Hz: leave sample_rate_hz out, as the stamps are used, or check "
-        "their unit, by the column's name or recording.time_unit; where the file states the rate, "
-        f"and the stamps are right, give recording.sample_rate_hz={stamps.rate_hz:.6g}; only where "
-        "the stamps themselves are wrong and no row is lost, give recording.times=ignore.",
+        f"{name}: sample_rate_hz is {stated_hz:.6g}, but the times come at "
+        f"{stamps.rate_hz:.6g} Hz: give "
+        f"recording.sample_rate_hz={stamps.rate_hz:.6g}, correct recording.time_unit, "
+        "or, if the times are wrong, give recording.times=ignore.",
     )
 
 

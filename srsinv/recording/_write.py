@@ -38,8 +38,8 @@ def save(recording: Recording, path: str | os.PathLike[str]) -> None:
         )
     refuse(
         recording.raw_signal is not None,
-        f"{path.name}: the signals of {recording.name} are prepared, and would be so again when "
-        "they are read: save the recording as it was loaded.",
+        f"{path.name}: the signals of {recording.name} are filtered already, and "
+        "reading would filter them again: save the recording as it was loaded.",
     )
     layout = {"channels": list(recording.channels), "signal_unit": recording.signal_unit}
     try:
@@ -84,13 +84,13 @@ def _check_sidecars(path: Path, facts: bytes) -> bool:
         other = beside
     refuse(
         other is not None,
-        f"{path}: there is another sidecar, {other and other.name}, which would be lost or taken "
-        "for this recording's: choose another name, or move it away.",
+        f"{path}: there is another sidecar, {other and other.name}, which would be "
+        "lost or used for this recording: choose another name, or move it away.",
     )
     refuse(
         is_new and os.path.lexists(path),
-        f"{path}: there are data already, without the {beside.name} of a recording saved before: "
-        "choose another name, or move them away.",
+        f"{path}: the file exists, without the {beside.name} of a saved recording: "
+        "choose another name, or move it away.",
     )
     return is_new
 
@@ -122,8 +122,8 @@ def _check_netcdf(path: Path, facts: bytes) -> bytes | None:
     other = next((p for p in beside if not p.is_file() or p.read_bytes() != facts), None)
     refuse(
         other is not None,
-        f"{path}: there is a sidecar, {other and other.name}, which would be taken for this "
-        "recording's: choose another name, or move it away.",
+        f"{path}: there is a sidecar, {other and other.name}, which would be used for "
+        "this recording: choose another name, or move it away.",
     )
     if not os.path.lexists(path):
         return None
@@ -137,8 +137,8 @@ def _check_netcdf(path: Path, facts: bytes) -> bytes | None:
         is_saved = False
     refuse(
         not is_saved,
-        f"{path}: there is a file already that is no such recording saved before: choose another "
-        "name, or move it away.",
+        f"{path}: the file exists, and is not a saved recording of this name: choose "
+        "another name, or move it away.",
     )
     return content
 

@@ -98,21 +98,22 @@ def flat_sentences(
     """What is stuck and what is clipped in a channel. It is taken as missing, or, where there is a
     remedy for that in `kept`, stays."""
     stuck, clipped = flat.masks(values)
-    missing = "and they are taken as missing"
+    missing = "They are taken as missing"
     if stuck.any():
-        fate = f"and the answer goes by them. {kept}" if kept else f"{missing}. Check the wiring"
+        fate = f"The answer uses them. {kept}" if kept else f"{missing}. Check the wiring"
         yield (
-            f"{name} is stuck: {samples_of(stuck)} have one value over and over, where noise makes "
-            f"them differ, {fate}, or record it again."
+            f"{name} is stuck: {samples_of(stuck)} repeat one value, although noise should make "
+            f"them differ. {fate}, or record it again."
         )
     if clipped.any():
         fate = (
-            f"and the answer goes by them. {kept}, or record it again with less gain."
+            f"The answer uses them. {kept}, or record it again with less gain."
             if kept
-            else f"{missing}: the answer lacks what was strongest. Record it again with less gain."
+            else f"{missing}, so the answer lacks the strongest part of the signal. Record it "
+            "again with less gain."
         )
         yield (
-            f"{name} is clipped: {samples_of(clipped)} are flat at its least or greatest value, "
+            f"{name} is clipped: {samples_of(clipped)} are flat at its least or greatest value. "
             f"{fate}"
         )
 

@@ -6,7 +6,7 @@ a wavelet variance (Percival, Biometrika 82, 1995). Of weights a that sum to zer
 variance s^2 per sample makes the variance s^2 sum_j a_j^2, and a walk of d^2 per second, at f
 samples a second, d^2 / f sum_j (sum_{i<=j} a_i)^2. Both are known at every scale.
 
-What is felt adds to that, in places (an edge, a ridge) or at short scales (a texture): stretches
+The traction adds to that, in places (an edge, a ridge) or at short scales (a texture): stretches
 far above the rest are left out, and only scales that agree with the lowest of all are used. A
 feature's integral is bounded, so that its rate fades towards long scales, where a walk grows.
 """

@@ -35,8 +35,9 @@ def load_steady(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUF
     recording = load_even(settings, known, reader)
     refuse(
         not recording.is_constant_speed(STEADY),
-        f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, and this job "
-        "takes it as constant: give recording.speed_m_per_s=... to do so all the same.",
+        f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, "
+        "but this job needs a constant one: give recording.speed_m_per_s=... to "
+        "replace it.",
     )
     return recording
 
@@ -74,8 +75,8 @@ def usable(recording: Recording) -> Recording:
     """
     refuse(
         recording.time_s.size < FEWEST_SAMPLES,
-        f"{recording.name}: {recording.time_s.size} samples are too few to tell a touch from "
-        f"noise: give a recording of at least {FEWEST_SAMPLES}.",
+        f"{recording.name}: {recording.time_s.size} samples are too few to separate a "
+        f"touch from noise: give a recording of at least {FEWEST_SAMPLES}.",
     )
     _check_signal(recording)
     refuse(
@@ -98,7 +99,7 @@ def _without_turns(recording: Recording) -> Recording:
         return recording
     near = near_turns(recording.position_m, float(margin_m))
     its = f"{recording.name}: recording.turn_margin_m is {margin_m:g}"
-    refuse(not near.any(), f"{its}, and the motion does not turn: leave it out.")
+    refuse(not near.any(), f"{its}, but the motion does not turn: leave it out.")
     near &= ~still_samples(recording.speed_m_per_s, recording.sample_rate_hz)
     signal = np.where(near, np.nan, recording.signal)
     fewest = int(np.isfinite(signal).sum(axis=1).min())
@@ -124,19 +125,20 @@ def _check_signal(recording: Recording) -> None:
     for channel, row, observed in zip(recording.channels, recording.signal, present, strict=True):
         refuse(
             np.sum(observed) < MIN_SAMPLES,
-            f"{recording.name}: channel {channel} has {np.sum(observed)} samples that are there, "
-            f"where at least {MIN_SAMPLES} are needed: leave it out of recording.channels.",
+            f"{recording.name}: channel {channel} has {np.sum(observed)} valid samples, "
+            f"fewer than {MIN_SAMPLES}: leave it out of recording.channels.",
         )
         largest = float(np.max(np.abs(row[observed])))
         refuse(
             largest > LARGEST,
-            f"{recording.name}: channel {channel} reaches {largest:.3g} once divided by its gain, "
-            f"beyond {LARGEST:g}: check recording.gain and recording.signal_unit.",
+            f"{recording.name}: channel {channel} reaches {largest:.3g} after division by "
+            f"its gain, beyond {LARGEST:g}: check recording.gain and "
+            "recording.signal_unit.",
         )
     refuse(
         all(np.nanmax(row) == np.nanmin(row) for row in recording.signal),
-        f"{recording.name}: every channel has one value throughout (at the recorder's rail, or not "
-        "connected), so that there is nothing to find: record it again within the range.",
+        f"{recording.name}: every channel is constant, as at the recorder's rail or "
+        "when not connected: record it again within the range.",
     )
 
 
@@ -145,11 +147,9 @@ def check_volts(recording: Recording) -> None:
     unit = recording.signal_unit
     refuse(
         unit not in VOLTS,
-        f"{recording.name}: the signal is in {unit}, which nothing converts to V, so that no "
-        f"pressure in Pa follows: give recording.gain, how many {unit} a volt is (one for "
-        "each channel where they differ), or recording.signal_unit (V, mV or uV) where all numbers "
-        "are voltages in that unit; for positions and wavelengths alone use "
-        "experiment=invert_recording traction_unit=relative.",
+        f"{recording.name}: the signal is in {unit}, so pressures in Pa are not "
+        f"known: give recording.gain ({unit} per volt) or recording.signal_unit, or "
+        "use experiment=invert_recording traction_unit=relative.",
     )
 
 

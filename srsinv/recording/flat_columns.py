@@ -58,7 +58,7 @@ def _column(table: ColumnTable, what: str) -> list[float]:
     column = next((name for name in known if name in table), None)
     refuse(
         column is None,
-        f"{table.name}: there is no column of the {what} ({', '.join(known)}) among the columns "
-        f"{listing(table.columns)}: name one so.",
+        f"{table.name}: there is no column {', '.join(known)} among the columns "
+        f"{listing(table.columns)}: rename the one of the {what} to one of these.",
     )
     return (table.numbers(str(column)) / known[str(column)]).tolist()

@@ -186,9 +186,9 @@ def waves(
 def _check_count(waves: int, line: MainsLine, length_s: float) -> None:
     refuse(
         waves > MOST_WAVES,
-        f"The line at {line.frequency_Hz:.4g} Hz is {2 * line.half_Hz:.3g} Hz wide over "
-        f"{length_s:.4g} s, more than {MOST_WAVES} waves: leave it out of mains_Hz, or cut the "
-        "recording.",
+        f"The hum at {line.frequency_Hz:.4g} Hz is {2 * line.half_Hz:.3g} Hz wide "
+        f"over {length_s:.4g} s, more than {MOST_WAVES} waves: leave it out of "
+        "recording.mains_Hz, or cut the recording.",
     )
 
 

@@ -93,8 +93,8 @@ def prepare(recording: Recording) -> Recording:
     wanted = Preparation.of_facts(recording.sidecar)
     refuse(
         not wanted.notch_Hz and recording.sidecar.get("notch_width_Hz") is not None,
-        f"{recording.name}: recording.notch_width_Hz is {wanted.notch_width_Hz!r}, and no notch is "
-        "asked for: give recording.notch_Hz, or leave it out.",
+        f"{recording.name}: recording.notch_width_Hz is {wanted.notch_width_Hz!r} "
+        "without recording.notch_Hz: give recording.notch_Hz, or leave the width out.",
     )
     _check_named_once(recording, wanted)
     if wanted.is_empty or recording.raw_signal is not None:
@@ -114,9 +114,8 @@ def _check_named_once(recording: Recording, wanted: Preparation) -> None:
     for line in named if isinstance(named, list) else [named]:
         refuse(
             is_number(line) and any(abs(line - each) < 1 for each in wanted.notch_Hz),
-            f"{recording.name}: the line at {line} Hz is in recording.notch_Hz and in "
-            "recording.mains_Hz: leave it out of recording.notch_Hz, as bands hold what "
-            "recording.mains_Hz costs.",
+            f"{recording.name}: {line} Hz is both in recording.notch_Hz and in "
+            "recording.mains_Hz: leave it out of recording.notch_Hz.",
         )
 
 
@@ -130,25 +129,27 @@ def preparation_warnings(
     """
     wanted = Preparation.of_facts(recording.sidecar)
     words = []
-    not_held = "and neither bands nor standard errors hold what it took: leave it out"
+    not_held = "Bands and standard errors do not include this loss. Leave the setting out"
     if wanted.detrend == "linear" or (wanted.detrend == "constant" and is_mean_known):
         of_it = "the straight line" if wanted.detrend == "linear" else "the mean"
         words.append(
-            f"recording.detrend={wanted.detrend} took {of_it} out of each signal, of which a part "
-            f"is the traction's, {not_held}, and give recording.drift, whose cost they hold."
+            f"recording.detrend={wanted.detrend} removed {of_it} of each signal, and with it a "
+            f"part of the traction's signal. {not_held}, and give recording.drift, whose "
+            "uncertainty they include."
         )
     if wanted.high_pass_Hz is not None:
         words.append(
-            f"recording.high_pass_Hz={wanted.high_pass_Hz:g} took the slow waves of the traction "
-            f"with the drift, {not_held}, and give recording.drift, whose cost they hold."
+            f"recording.high_pass_Hz={wanted.high_pass_Hz:g} removed slow waves of the traction's "
+            f"signal with the drift. {not_held}, and give recording.drift, whose uncertainty they "
+            "include."
         )
     inside = [each for each in wanted.notch_Hz if each - wanted.notch_width_Hz / 2 < highest_Hz]
     if inside:
         lines = ", ".join(f"{each:g}" for each in inside)
         words.append(
-            f"recording.notch_Hz={lines} took waves of the traction with the hum, as the signal "
-            f"has them up to {highest_Hz:.3g} Hz, {not_held}, and invert with recording.mains_Hz, "
-            "whose cost they hold."
+            f"recording.notch_Hz={lines} removed waves of the traction's signal, which reaches "
+            f"{highest_Hz:.3g} Hz, with the hum. {not_held}, and give recording.mains_Hz, whose "
+            "uncertainty they include."
         )
     return tuple(words)
 
@@ -161,21 +162,21 @@ def _check_high_pass(recording: Recording, wanted: Preparation) -> None:
     highest = HIGHEST * recording.sample_rate_hz / 2
     refuse(
         wanted.high_pass_Hz >= highest,
-        f"{key}, and of {recording.sample_rate_hz:.4g} samples a second it has to be below "
-        f"{_rounded(highest)} Hz: give a lower one, or leave it out.",
+        f"{key}, too high for {recording.sample_rate_hz:.4g} samples per second: give "
+        f"a frequency below {_rounded(highest)} Hz.",
     )
     lasts_s = _duration_s(recording)
     refuse(
         wanted.high_pass_Hz * lasts_s < 1,
-        f"{key}, of a period of {1 / wanted.high_pass_Hz:.4g} s, and the recording lasts "
-        f"{lasts_s:.4g} s: give {_rounded(1 / lasts_s, up=True)} or more, or "
-        "recording.detrend=linear in its place.",
+        f"{key}, whose period is longer than the recording of {lasts_s:.4g} s: give "
+        f"at least {_rounded(1 / lasts_s, up=True)}, or recording.detrend=linear "
+        "instead.",
     )
     lowest = min(wanted.notch_Hz, default=np.inf) - wanted.notch_width_Hz / 2
     refuse(
         wanted.high_pass_Hz >= lowest,
-        f"{key}, and takes the notch from {_rounded(lowest)} Hz on with it: give a lower one, or "
-        "leave that line out of recording.notch_Hz.",
+        f"{key}, which also removes the notch from {_rounded(lowest)} Hz on: give "
+        "less, or leave that notch out of recording.notch_Hz.",
     )
 
 
@@ -186,25 +187,24 @@ def _check_notches(recording: Recording, wanted: Preparation) -> None:
     for each in wanted.notch_Hz:
         refuse(
             each - half_width <= 0 or each + half_width >= HIGHEST * half,
-            f"{name}: recording.notch_Hz is {each!r}, and half of recording.notch_width_Hz="
-            f"{wanted.notch_width_Hz!r} on either side has to lie between 0 and "
-            f"{_rounded(HIGHEST * half)} Hz, as {recording.sample_rate_hz:.4g} samples a second "
-            "are taken: give another frequency or width, or leave it out.",
+            f"{name}: the notch of recording.notch_Hz at {each!r} Hz, "
+            f"{wanted.notch_width_Hz!r} Hz wide, is not between 0 and "
+            f"{_rounded(HIGHEST * half)} Hz: give another frequency or "
+            "recording.notch_width_Hz, or leave it out.",
         )
     width = f"{name}: recording.notch_width_Hz is {wanted.notch_width_Hz!r}"
     count, lasts_s = len(wanted.notch_Hz), _duration_s(recording)
     refuse(
         count > 0 and wanted.notch_width_Hz * lasts_s < 1,
-        f"{width}, and the recording lasts {lasts_s:.4g} s, in which no line is narrower than "
-        f"{_rounded(1 / lasts_s, up=True)} Hz: give that or more, or invert with "
-        "recording.mains_Hz in place of recording.notch_Hz.",
+        f"{width}, too narrow for a recording of {lasts_s:.4g} s: give at least "
+        f"{_rounded(1 / lasts_s, up=True)}, or use recording.mains_Hz instead of "
+        "recording.notch_Hz.",
     )
     most = MOST_OF_BAND * half
     refuse(
         count * wanted.notch_width_Hz > most,
-        f"{width}, at {count} frequencies, and more than {_rounded(most)} Hz in all, a tenth "
-        "of what is recorded, would be taken for noise that is not there: give narrower or fewer "
-        "ones.",
+        f"{width} at {count} frequencies, more than {_rounded(most)} Hz in all, a "
+        "tenth of the band: give narrower or fewer notches.",
     )
 
 
@@ -214,9 +214,9 @@ def _check_observed(recording: Recording) -> None:
         count = int(np.isfinite(row).sum())
         refuse(
             count <= CUBIC or count < LEAST_OBSERVED * row.size,
-            f"{recording.name}: channel {channel} has {count} of {row.size} samples, and a filter "
-            f"needs {LEAST_OBSERVED:.0%} of them: leave out recording.high_pass_Hz and notch_Hz, "
-            "or the channel.",
+            f"{recording.name}: channel {channel} has {count} of {row.size} samples, but "
+            f"a filter needs {LEAST_OBSERVED:.0%}: leave out the channel, or "
+            "recording.high_pass_Hz and recording.notch_Hz.",
         )
 
 

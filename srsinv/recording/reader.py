@@ -1,6 +1,6 @@
 """Readers: a file format, as the columns of a file.
 
-Which reader is used is said by the configuration alone (its group `reader`), never by a data file
+The configuration alone says which reader is used (its group `reader`), never by a data file
 or a sidecar. The package's own are in `formats`.
 """
 
@@ -23,11 +23,11 @@ from ._table import ColumnTable, listing
 
 _REASON = 200  # characters shown of a reader's own exception
 _AHEAD: dict[tuple[Any, ...] | None, tuple["Reader", ColumnTable]] = {}  # one table at most
-_REMEDY = "give a file that it reads, choose another by reader=..., or correct it."
+_REMEDY = "choose another one by reader=..., or correct it."
 
 
 class Reader(abc.ABC):
-    """A format of recorded files. Derive from it to read one of your own."""
+    """Base of readers: a format of recorded files. `read` is to be defined."""
 
     def check_path(self, path: Path) -> None:
         """Refuse, before it is opened, a path that this reader does not read."""
@@ -61,7 +61,7 @@ def read_table(path: Path, reader: Reader, key: str = "recording.path") -> Colum
         table = _checked(reader, name, reader.read(own))
     refuse(
         not table.columns and not table.unusable,
-        f"{name}: there is no column in the file: write it again, a column for each quantity.",
+        f"{name}: the file has no columns: write it again, with a column for each quantity.",
     )
     return table
 
@@ -119,8 +119,8 @@ def _checked(reader: Reader, name: str, given: Any) -> ColumnTable:
     """What a reader gave, each column taken in anew."""
     refuse(
         not isinstance(given, Mapping | ColumnTable),
-        f"{name}: reader {_label(reader)} gives {echo(given)} where a mapping of column names to "
-        f"1-D arrays is expected: {_REMEDY}",
+        f"{name}: reader {_label(reader)} gives {echo(given)}, not a mapping of "
+        f"column names to 1-D arrays: {_REMEDY}",
     )
     whole = given if isinstance(given, ColumnTable) else ColumnTable(name, dict(given))
     table = replace(
@@ -146,8 +146,8 @@ def _check_equal(reader: Reader, table: ColumnTable) -> None:
     """Refuse columns that are no numbers, or not of equal length."""
     for column, reason in table.unusable.items():
         raise BadInput(
-            f"{table.name}: reader {_label(reader)} gives column {quoted(column)}, which {reason} "
-            f"where a 1-D array of real numbers is expected: {_REMEDY}"
+            f"{table.name}: reader {_label(reader)} gives column {quoted(column)}, which {reason}, "
+            f"not a 1-D array of real numbers: {_REMEDY}"
         )
     lengths = listing(f"{column} {values.size}" for column, values in table.columns.items())
     refuse(

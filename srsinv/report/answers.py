@@ -1,7 +1,14 @@
-"""Quality of answers, as variables of a result: the headline and the terminal say it of each."""
+"""Answers as variables of a result: their quality, of which the headline and the terminal speak,
+their parameters, and whole answers as datasets to draw."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+import xarray
+
+from ..errors import BadInput, echo
+from .text import unit_of
 
 
 @runtime_checkable
@@ -41,3 +48,45 @@ def _words(answer: Answer) -> dict[str, str]:
         "warnings": " ".join(answer.warnings) or "none",
         "reasons": " ".join(answer.reasons),
     }
+
+
+def reported_parameters(
+    parameters: Mapping[str, tuple[float, float]], unit: Callable[[str], str] = unit_of
+) -> dict[str, tuple[Any, ...]]:
+    """Values and standard errors of parameters by name, and the `unit` of each, by default the one
+    at its name's end."""
+    pairs = np.array(list(parameters.values()), float).reshape(-1, 2)
+    return {
+        "parameter_value": ("reported", pairs[:, 0], "SI", "{reported!s}"),
+        "parameter_stderr": ("reported", pairs[:, 1], "SI", "{reported!s}_stderr"),
+        "parameter_unit": ("reported", np.array([unit(name) for name in parameters], str), "1"),
+    }
+
+
+def as_dataset(given: Any) -> xarray.Dataset:
+    """The dataset of a result as it is, or that of an answer: an estimate or a fit. Of estimates by
+    name p and q with their standard errors along `estimator`, all on the line of the first.
+
+    Raises `BadInput` for anything else.
+    """
+    if isinstance(given, xarray.Dataset):
+        return given
+    if isinstance(given, Mapping):
+        if given and all(hasattr(each, "on") for each in given.values()):
+            return _compared(given)
+    elif hasattr(given, "to_xarray"):
+        return given.to_xarray()
+    raise BadInput(
+        f"{echo(given)} cannot be drawn: give an estimate, estimates by name as "
+        "{'Wiener': estimate}, or the dataset of a result."
+    )
+
+
+def _compared(named: Mapping[str, Any]) -> xarray.Dataset:
+    first = next(iter(named.values())).to_xarray()
+    line = next(iter(named.values())).line
+    own = ["estimate", "estimate_stderr"]
+    parts = [first[own], *(each.on(line).to_xarray()[own] for each in list(named.values())[1:])]
+    joined = xarray.concat(parts, xarray.DataArray([*named], dims="estimator", name="estimator"))
+    observed = {"observed": first["observed"]} if "observed" in first else {}
+    return joined.assign(observed).assign_attrs(first.attrs)

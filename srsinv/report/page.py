@@ -17,7 +17,7 @@ from .. import __version__
 from ..progress import steps
 from .data import metrics
 from .section import Section
-from .text import format_value, is_numeric
+from .text import format_value, is_numeric, typeset
 from .words import Block, Drawing, Paragraph, Table, answers, blocks, no_answer, summary
 
 if TYPE_CHECKING:
@@ -26,7 +26,13 @@ if TYPE_CHECKING:
 _DPI = 140
 _COMPRESSION = 3  # zlib's: 6 takes a third longer for files that are 7 % smaller
 _CODE = re.compile(r"`([^`]+)`")
-_BEFORE_UNIT = re.compile(r"(?<=\d) (?=%|dB\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|rad)\b)")
+_BEFORE_UNIT = re.compile(
+    r"(?<=[\d⁰¹²³⁴-⁹]) (?=%|°|±|dB\b|MB\b|counts\b|[fpnµmkMG]?(?:m|s|A|C|Hz|N|Pa|V|rad)\b)"
+    r"|(?<=±) (?=\d)|(?<=\d [fpnµm]V) (?=[ms]\b)|(?<=\d V) (?=[ms]\b)"
+)
+_LONG_WORD = re.compile(r"[^\s<>&;]{24,}")  # wider than a column of a small screen
+_JOINT = re.compile(r"(?<=[/_.=,:-])(?=\w)")
+_MOST_CARDS = 12  # rows: a longer table stays one on a small screen, and moves sideways
 
 
 class Page:
@@ -80,11 +86,11 @@ class Page:
         )
         numbers = Table(("name", "value"), tuple(sorted(metrics(self._data).items())))
         return environment.get_template("page.html.j2").render(
-            title=_unbroken(self._title),
+            title=_printed(self._title),
             command=command,
             version=__version__,
             answers=[
-                (name, quality, no_answer(quality) + reasons)
+                (name, quality, _printed(no_answer(quality) + reasons))
                 for name, (quality, reasons) in answers(self._data).items()
             ],
             summary=list(_in_html(summary(self._sections, self._data), self.images)),
@@ -129,15 +135,22 @@ def _in_html(own: tuple[Block, ...], images: Mapping[str, bytes]) -> Iterator[di
 
 def _inline(text: str) -> markupsafe.Markup:
     """Words as HTML; between backticks they are code, which is left as it is typed."""
-    words = _CODE.split(str(markupsafe.escape(text)))
-    words[::2] = map(_unbroken, words[::2])
-    words[1::2] = (f"<code>{code}</code>" for code in words[1::2])
+    words = _CODE.split(text)
+    words[::2] = (str(markupsafe.escape(_printed(each))) for each in words[::2])
+    words[1::2] = (f"<code>{markupsafe.escape(code)}</code>" for code in words[1::2])
     return markupsafe.Markup("".join(words))
 
 
-def _unbroken(text: str) -> str:
-    """Text in which no line ends between a number and its unit."""
-    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", text)
+def _printed(text: str) -> str:
+    """Text with its powers and signs typeset, in which no line ends between a number and its
+    unit."""
+    return _BEFORE_UNIT.sub("\N{NO-BREAK SPACE}", typeset(text))
+
+
+def _cell(value: object) -> markupsafe.Markup:
+    """A cell as HTML, in which long names of files and settings may break at their joints."""
+    text = str(markupsafe.escape(_printed(format_value(value))))
+    return markupsafe.Markup(_LONG_WORD.sub(lambda word: _JOINT.sub("<wbr>", word[0]), text))
 
 
 def _table(table: Table) -> dict[str, Any]:
@@ -145,9 +158,7 @@ def _table(table: Table) -> dict[str, Any]:
     numeric = numeric or [False] * len(table.columns)
     return {
         "caption": _inline(table.caption),
-        "columns": list(zip(table.columns, numeric, strict=True)),
-        "rows": [
-            list(zip(map(_unbroken, map(format_value, row)), numeric, strict=True))
-            for row in table.rows
-        ],
+        "columns": list(zip(map(_printed, table.columns), numeric, strict=True)),
+        "rows": [list(zip(map(_cell, row), numeric, strict=True)) for row in table.rows],
+        "is_cards": len(table.columns) > 2 and len(table.rows) <= _MOST_CARDS,
     }

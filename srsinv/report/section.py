@@ -18,13 +18,13 @@ _NEED = re.compile(r"(\w+)(?:\(([\w, ]*)\))?")
 
 
 class Section:
-    """One part of a page, shown where the dataset of a result has what it needs.
+    """Base of sections: one part of a page, shown where the dataset of a result has what it needs.
 
     - `heading`: empty for what stands above the page's contents and is printed, too.
     - `needs`: the dimensions that each variable needed must have, by the variable's name.
-    - `words`: a template, see docs/extend.md: paragraphs with blank lines between them, and
-      `{{ figure(...) }}` and `{{ table(...) }}` among them. In it `ds` is the dataset, `m` its
-      metrics, `plot` is `srsinv.plot` and `own` this section.
+    - `words`: a template (docs/how_to/write_other_parts.md): paragraphs with blank lines between
+      them, and `{{ figure(...) }}` and `{{ table(...) }}` among them. In it `ds` is the dataset,
+      `m` its metrics, `plot` is `srsinv.plot` and `own` this section.
     - `is_folded`: whether the section is closed until a reader opens it; where a page has no other,
       it is open.
     """

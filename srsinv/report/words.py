@@ -81,7 +81,7 @@ def blocks(section: Section, data: xarray.Dataset) -> tuple[Block, ...]:
         known = {
             k: v for k, v in named.items() if not (v is None or isinstance(v, jinja2.Undefined))
         }
-        return table({"what": list(known), "value": list(known.values())})
+        return table({"item": list(known), "value": list(known.values())})
 
     data_names = {"ds": data, "m": metrics(data), "facts": _Facts(data.attrs), "own": section}
     # Of a user's own words, names that `plot` does not have are refused while they are filled in.
@@ -108,8 +108,8 @@ def summary(sections: Sequence[Section], data: xarray.Dataset) -> tuple[Block, .
 
 
 def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
-    """The quality of each answer in a dataset and the reasons for it, by the answer's name; empty
-    where there is but one."""
+    """The quality of each answer in a dataset and the reasons for it, by the answer's name, which
+    is empty where there is but one; none of a study over many cases."""
     if "quality" not in data or "reasons" not in data:
         return {}
     quality, reasons = data["quality"], data["reasons"]
@@ -117,6 +117,8 @@ def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
     quality = quality.isel({dim: 0 for dim in quality.dims if dim not in reasons.dims})
     if not quality.ndim:
         return {"": (str(quality.item()), str(reasons.item()))}
+    if quality.ndim > 1:  # a study's, which has them in a table
+        return {}
     names = (str(name) for name in data[quality.dims[0]].values)
     return {
         name: (str(q), str(r))
@@ -125,7 +127,7 @@ def answers(data: xarray.Dataset) -> dict[str, tuple[str, str]]:
 
 
 def no_answer(quality: str) -> str:
-    """What is said of an answer that failed, before the reasons."""
+    """The words before the reasons of an answer that failed."""
     return "these numbers are no answer. " if quality == "failed" else ""
 
 
@@ -218,20 +220,25 @@ def _percent(value: Any, digits: int = 3) -> str:
     return "–" if _is_unknown(value) else f"{text.significant(100 * float(value), digits)} %"
 
 
-def _quantities(values: Any, units: Any = "1", digits: int = 3) -> Any:
+def _quantities(values: Any, units: Any = "1", digits: int = 3, like: Any = None) -> Any:
     """Values of SI `units` with the unit in which the largest of them reads best; where there are
-    units of each, with the one in which it reads best itself."""
+    units of each row, with the one that rows of the same unit share as far as they read well
+    (`text.units_for_rows`). `like`: values beside them in a table, whose units these take."""
+    array, like = np.asarray(values, float), values if like is None else like
     if not isinstance(units, str) and np.ndim(units):
-        pairs = zip(np.asarray(values), np.asarray(units), strict=True)
-        return np.array([_quantities(each, str(unit), digits) for each, unit in pairs], object)
-    array = np.asarray(values, float)
-    factor, unit = text.best_unit(units, array)
-    unit = "" if unit == "1" else f" {unit}"
+        scales = text.units_for_rows(_flat(like), map(str, np.ravel(np.asarray(units))))
+    else:
+        scales = [text.best_unit(units, np.asarray(like, float))] * array.size
+    written = [
+        "–" if _is_unknown(value)
+        else f"{text.significant(factor * value, digits)}{text.suffix(unit)}"
+        for value, (factor, unit) in zip(_flat(array), scales, strict=True)
+    ]  # fmt: skip
+    return np.array(written, object) if array.ndim else written[0]
 
-    def write(value: float) -> str:
-        return "–" if _is_unknown(value) else f"{text.significant(factor * value, digits)}{unit}"
 
-    return _each(write)(array)
+def _flat(values: Any) -> list[float]:
+    return np.ravel(np.asarray(values, float)).tolist()
 
 
 def _digits(value: Any, digits: int = 3) -> str:
@@ -243,14 +250,15 @@ def _is_unknown(value: Any) -> bool:
 
 
 def _with_error(values: Any, stderrs: Any, units: Any = "1") -> Any:
-    """Each value with its standard error, in the unit of its own that reads best."""
+    """Each value with its standard error; rows of the same unit share its prefix as far as they
+    read well."""
     return _row_by_row(text.quantity_with_error, values, stderrs, units)
 
 
 def _interval(values: Any, stderrs: Any, units: Any, half: float = BAND_90) -> Any:
-    """The central 90 % of each value's normal distribution."""
+    """The central 90 % of each value's normal distribution, in the units of `_with_error`."""
     return _row_by_row(
-        lambda value, stderr, unit: text.interval(value, half * stderr, unit),
+        lambda value, stderr, unit, scale: text.interval(value, half * stderr, unit, scale),
         values,
         stderrs,
         units,
@@ -259,15 +267,23 @@ def _interval(values: Any, stderrs: Any, units: Any, half: float = BAND_90) -> A
 
 def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> Any:
     columns = np.broadcast_arrays(*map(np.asarray, (values, stderrs, units)))
-    rows = zip(*map(np.ravel, columns), strict=True)
-    written = [write(float(v), float(s), str(u)) for v, s, u in rows]
+    v, s, u = (np.ravel(each).tolist() for each in columns)
+    scales = text.units_for_rows(map(float, v), map(str, u))
+    rows = zip(map(float, v), map(float, s), map(str, u), scales, strict=True)
+    written = [write(*row) for row in rows]
     return np.array(written, object) if columns[0].ndim else written[0]
 
 
 FILTERS: dict[str, Callable[..., Any]] = {
     "digits": _each(_digits),
+    "class_in_words": text.class_in_words,
+    "effects_in_words": text.effects_in_words,
+    "facts_in_words": text.facts_in_words,
+    "heading": _each(text.heading),
+    "in_words": text.in_words,
     "interval": _interval,
     "listed": text.listed,
+    "noise_in_words": text.noise_in_words,
     "parameter": _each(text.without_unit),
     "percent": _each(_percent),
     "quantity": _quantities,

@@ -28,6 +28,7 @@ from ._manifest import listing as listing
 from ._manifest import manifest as manifest
 from ._manifest import runs_in as runs_in
 from ._manifest import strangers as strangers
+from ._origin import commit_of as commit_of
 from ._place import locate as locate
 from ._place import named as named
 from ._place import writing as writing

@@ -35,6 +35,7 @@ from ._manifest import (
     names_of_run,
     own_manifest,
 )
+from ._origin import origin
 from ._place import REMEDY, locate, named, writing
 
 _FIRST = "first"  # in a folder of what is put in one by one: the manifest until all are
@@ -67,15 +68,22 @@ class RunFolder:
         files one by one. Raises `BadInput` where they cannot be written, and where the folder has
         files that no run wrote.
         """
-        record = manifest(listing(files), command, seed, plugins, configuration)
+        record = manifest(listing(files), command, seed, plugins, configuration, origin())
         with writing(self.place):
             if not self._swap({**files, MANIFEST: record}):
                 check_ours(self.descriptor, self.place)
                 self.put_in(files, command, seed, plugins, configuration)
 
-    def put_in(self, files: Mapping[str, bytes], *described: Any) -> None:
+    def put_in(
+        self,
+        files: Mapping[str, bytes],
+        command: str,
+        seed: Any,
+        plugins: Mapping[str, str] | None = None,
+        configuration: str | None = None,
+    ) -> None:
         """Put files into the folder one by one, in place of those that its manifest lists, and
-        their manifest, which is `described` as by `replace`.
+        their manifest, as `replace` does.
 
         All are written beside first. A manifest that lists what is coming and what is replaced
         stands there until the last is in, so that the next run knows both for ours. Raises
@@ -85,10 +93,10 @@ class RunFolder:
         before: dict[str, str] = {}
         for each in reversed(known):
             before |= each
-        new = listing(files)
+        described = listing(files), command, seed, plugins, configuration, origin()
         both = {
-            MANIFEST: manifest(new, *described),
-            _FIRST: manifest(new, *described, replaces=before),
+            MANIFEST: manifest(*described),
+            _FIRST: manifest(*described, replaces=before),
         }
         ours = {name: {each[name] for each in known if name in each} for name in (*files, *before)}
         ours[MANIFEST] = {*listing(both).values(), *own_manifest(self.descriptor)}
@@ -96,7 +104,7 @@ class RunFolder:
             check_known(name, ours[name], self.descriptor, self.place)
         refuse(
             not _is_at(self.descriptor, self.place),
-            f"{named(self.place)} was replaced by something else meanwhile; {REMEDY}",
+            f"{named(self.place)} was replaced during the run; {REMEDY}",
         )
         with (
             writing(self.place),

@@ -27,7 +27,7 @@ MOST_OF_METRICS = 2**22  # bytes of a run's: tens of thousands
 GATHERED = ("sweep.nc", "sweep.html")
 FAILURES = "failures.json"
 _KEYS = {"command", "files", "seed", "version"}
-_OPTIONAL = {"configuration", "plugins", "replaces"}
+_OPTIONAL = {"commit", "configuration", "date", "plugins", "replaces", "versions"}
 _MOST_BYTES = 2**20  # of a manifest: ten thousand files
 _MOST_OF_MANIFESTS = 2**24  # of all in a sweep's folder: ten thousand runs
 # Of all files of a run together: seconds of reading, however many names one huge file has.
@@ -50,15 +50,18 @@ def manifest(
     seed: Any,
     plugins: Listing | None = None,
     configuration: str | None = None,
+    origin: Mapping[str, Any] | None = None,
     replaces: Listing | None = None,
 ) -> bytes:
     """The manifest of a run: the version, the command, the seed and every file's SHA-256, and where
-    they are given those of `plugins` and the hash of its resolved `configuration`. While files are
-    put in one by one, `replaces` lists those that were there before.
+    they are given those of `plugins`, the hash of its resolved `configuration` and its `origin`
+    (date, versions, commit). While files are put in one by one, `replaces` lists those that were
+    there before.
 
-    The same files, command, seed, plugins and configuration give the same bytes.
+    The same arguments give the same bytes.
     """
     whole = {"command": command, "files": files, "seed": seed, "version": __version__}
+    whole |= origin or {}
     more = {"plugins": plugins or None, "configuration": configuration, "replaces": replaces}
     return _text(whole | {key: value for key, value in more.items() if value is not None})
 
@@ -77,8 +80,8 @@ def described_runs(folder: Path) -> Iterator[tuple[Path, dict[str, Any] | None]]
         left -= len(text)
         refuse(
             left < 0,
-            f"{named(folder)}: the {MANIFEST} in it are longer than {_MOST_OF_MANIFESTS} bytes "
-            "together: give the folder of one sweep.",
+            f"{named(folder)}: its {MANIFEST} files have more than {_MOST_OF_MANIFESTS} "
+            "bytes together: give the folder of one sweep.",
         )
         yield place, _whole(text)
 
@@ -112,8 +115,8 @@ def runs_in(folder: Path) -> list[Path]:
                 seen += 1
                 refuse(
                     seen > _MOST_ENTRIES,
-                    f"{named(folder)} holds more than {_MOST_ENTRIES} files: give the folder of "
-                    "one sweep.",
+                    f"{named(folder)} has more than {_MOST_ENTRIES} files: give the folder of one "
+                    "sweep.",
                 )
                 if entry.name == MANIFEST:
                     found.append(place)

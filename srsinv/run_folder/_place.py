@@ -33,7 +33,7 @@ def locate(folder: Path) -> Path:
             place = existing = Path(os.path.realpath(folder))
         except ValueError as error:
             raise BadInput(
-                f"cannot write to {named(folder)}, which no file can be called; {REMEDY}"
+                f"cannot write to {named(folder)}, which is not a valid file name; {REMEDY}"
             ) from error
         while not _exists(existing):
             existing = existing.parent
@@ -41,7 +41,7 @@ def locate(folder: Path) -> Path:
             _exists(existing / part)  # or its name is too long
     refuse(
         place != existing and folder.is_symlink(),
-        f"cannot write to {named(folder)}, which is a link to nothing; {REMEDY}",
+        f"cannot write to {named(folder)}, which is a broken link; {REMEDY}",
     )
     refuse(
         not (existing.is_dir() and os.access(existing, os.R_OK | os.W_OK | os.X_OK)),

@@ -298,9 +298,9 @@ def test_a_skin_is_the_effect_that_sets_it(name):
 def test_skin_and_effect_together_are_refused(skin):
     for named in {f"{skin}_skin", "layered_skin"}:
         cfg = configuration(f"skin={skin}", f"effects=[{named}]")
-        with pytest.raises(BadInput, match=rf"^effects names {named}, and skin defines another"):
+        with pytest.raises(BadInput, match=rf"^effects names {named}, but skin defines one"):
             config.scenario(cfg)
-        with pytest.raises(BadInput, match=rf"^effects names {named}, and skin defines another"):
+        with pytest.raises(BadInput, match=rf"^effects names {named}, but skin defines one"):
             config.sensor(cfg)
 
 

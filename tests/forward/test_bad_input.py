@@ -20,7 +20,7 @@ REFUSED = {
     "depth_nan": (lambda: Film(depth_m=math.nan), "depth_m", "nan", "positive"),
     "zero_width": (lambda: Film(width_m=0.0), "width_m", "0.0", "positive"),
     "endless_length": (lambda: Film(length_m=math.inf), "length_m", "inf", "positive"),
-    "no_strips": (lambda: Film(strips=0), "strips", "0", "at least 1"),
+    "no_strips": (lambda: Film(strips=0), "strips", "0", "from 1"),
     "no_elements": (lambda: Sensor([]), "elements", "0", "at least 1"),
     "poisson_high": (lambda: HalfSpace(0.6), "poisson_ratio", "0.6", "0.5"),
     "poisson_low": (lambda: HalfSpace(-0.1), "poisson_ratio", "-0.1", "between 0"),

@@ -159,6 +159,6 @@ def test_an_elastic_skin_is_not_looked_at():
 def test_refusals():
     for windows in (0, -1, 1.5, "a"):
         refused(lambda w=windows: scene(0.008, w), "contact_windows", "whole number from 1")
-    refused(lambda: scene(0.008, 4, Rough(5e-6, 3e-3, 2e-4)), "contact_windows", "goes on")
+    refused(lambda: scene(0.008, 4, Rough(5e-6, 3e-3, 2e-4)), "contact_windows", "continues")
     ridge = scene(0.008, 4, Ridge(25e-6, 2e-3, 0.0, 4e-4))
     refused(lambda: ridge.contact(LINE), "contact_windows", "ends", "null")

@@ -282,7 +282,7 @@ REFUSED = {
     "no_width": (
         lambda: StripFeature(width_range_m=[0.0, 1e-3]),
         "width_range_m",
-        "between 0",
+        "above 0",
     ),
     "half": (lambda: HertzFeature(half_width_range_m=[-1e-3, 1e-3]), "half_width_range_m"),
     "one": (
@@ -295,7 +295,7 @@ REFUSED = {
         "position_range_m",
         "SI units",
     ),
-    "duty": (lambda: GratingFeature(duty_range=[0.5, 1.0]), "duty_range", "between 0 and 1"),
+    "duty": (lambda: GratingFeature(duty_range=[0.5, 1.0]), "duty_range", "below 1"),
     "words": (lambda: GratingFeature(pitch_range_m="all"), "pitch_range_m", "null"),
     "friction": (lambda: LineFeature(friction="high"), "friction", "null"),
     "friction_inf": (lambda: LineFeature(friction=np.inf), "friction", "number"),

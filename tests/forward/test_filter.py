@@ -406,9 +406,8 @@ REFUSED = {
         lambda: Open(8, 1e-4).operator(
             Sensor([Film()], filters=[FirstOrder(10.0)]).output(ConstantSpeed(0.05))
         ),
-        "1024 depths",
-        "65536",
-        "periodic line",
+        "1024",
+        "grid.line=periodic",
     ),
 }
 

@@ -240,9 +240,9 @@ def test_refusals():
     refused(lambda: edge.charge_per_load(sensor, [0.0], 0.0), "preload_N_per_m", "positive")
     refused(lambda: KnifeEdge(1e3).charge(sensor, [0.0], [1.0]), "40 depths", "smaller radius_m")
     for skin in (HalfSpace(), Layered([Layer(1e-3), Layer()])):
-        words = "without a rigid core", "half space", "not defined", "prescribe the load"
+        words = "a rigid core", "half space", "prescribe the load"
         refused(lambda skin=skin: Indentation(edge, skin, 0.75e-3), *words)
-    refused(lambda: Indentation(KnifeEdge(), ON_FOAM, 0.75e-3), "radius_m is 0", "infinitely far")
+    refused(lambda: Indentation(KnifeEdge(), ON_FOAM, 0.75e-3), "radius_m is 0", "without limit")
     relation = Indentation(edge, ON_FOAM, 0.75e-3)
     refused(lambda: relation.load_N_per_m([1e-2], 1.0), "0.01 m", "smaller amplitude")
     scan, far = ConstantSpeed(SPEED), np.linspace(0, 10.0, 5)

@@ -246,7 +246,12 @@ REFUSED = {
     "rate": (lambda: paced(0.0, 0.1, 1.0, 0.0), "rate_hz", "0.0", "positive"),
     "rest": (lambda: paced(0.0, 0.1, 0.0, 10.0), "speed_m_per_s", "0.0", "other than 0"),
     "coarse": (lambda: paced(0.0, 0.1, 0.1, 260.0, [RIPPLE]), "rate_hz", "260.0", "130.0"),
-    "too_many": (lambda: paced(0.0, 1.0, 1e-4, 1e3), "4194304 samples", "arrived", "lower"),
+    "too_many": (
+        lambda: paced(0.0, 1.0, 1e-4, 1e3),
+        "4194304 samples",
+        "has not reached its end",
+        "lower",
+    ),
     "too_late": (
         lambda: paced(0.0, 0.1, 0.1, 1e3, [StandstillProfile(1e5, 1, 1)]),
         "profiles",

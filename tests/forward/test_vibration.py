@@ -115,6 +115,6 @@ def test_noise_of_a_lock_in():
 
 
 def test_refusals():
-    refused(lambda: gain_at_rest(IntegratedCurrent()), "IntegratedCurrent", "rests", "current")
+    refused(lambda: gain_at_rest(IntegratedCurrent()), "IntegratedCurrent", "at rest", "current")
     own = scenario(noises=(Sliding(),))
     refused(lambda: swept(own), "Sliding", "correlated along x", "noise=[johnson]")

@@ -37,7 +37,7 @@ def noise_alone(problem):
 CALLED = {
     "The signal resolves": (WIENER, lambda: louder(make_case().problem, 1e5)),
     "The elements respond to one mix": (WIENER, lambda: make_case(films=SAME).problem),
-    "The prior pulls p": (Wiener(Exponential(15.0, 0.8e-3), Q), lambda: make_case().problem),
+    "The prior shifts p": (Wiener(Exponential(15.0, 0.8e-3), Q), lambda: make_case().problem),
     "The residual is": (WIENER, lambda: louder(make_case().problem, 0.3)),
     "The noise (": (WIENER, lambda: louder(make_case().problem, 1e-15)),
     "The band takes the weights": (

@@ -155,7 +155,7 @@ def test_a_filtered_recording_says_so_and_its_samples_are_judged_as_recorded():
 
     # The skin transmits 12 / (2 pi) waves in a depth: up to 32 Hz at 20 mm/s, 159 Hz at 100 mm/s.
     assert "notch_Hz" not in warnings(0.02, notch_Hz=50)
-    assert "recording.notch_Hz=50 took" in warnings(0.1, notch_Hz=50)
-    assert "recording.high_pass_Hz=1 took" in warnings(0.02, high_pass_Hz=1)
+    assert "recording.notch_Hz=50 removed" in warnings(0.1, notch_Hz=50)
+    assert "recording.high_pass_Hz=1 removed" in warnings(0.02, high_pass_Hz=1)
     assert "b is stuck" in warnings(0.02)
     assert "b is stuck" in warnings(0.02, notch_Hz=50)

@@ -139,8 +139,10 @@ REFUSED = {
         SENSOR, strip_problem().motion, np.zeros((2, SAMPLES)), 0.0
     ),
     "cell_m is -1": lambda: strip_problem(cell_m=-1),
-    "No nominal pressure is known": lambda: FeatureFit({"it": RidgeFeature(1e-5)})(strip_problem()),
-    "an operator and no sensor": lambda: METHODS["features"](make_case().problem),
+    "nominal pressure on the surface is not known": lambda: FeatureFit({"it": RidgeFeature(1e-5)})(
+        strip_problem()
+    ),
+    "an operator but no sensor": lambda: METHODS["features"](make_case().problem),
 }
 
 

@@ -88,7 +88,7 @@ def check_page(result: Result, images: Collection[str] = ()) -> None:
     """Every variable with its unit, every figure with a caption and a curve drawn (those named in
     `images`: an image), the assumptions last."""
     assert all("units" in variable.attrs for variable in result.dataset.variables.values())
-    assert result.sections[-1].heading == "What was assumed"
+    assert result.sections[-1].heading == "Assumptions"
     for name, (figure, caption) in result.page.figures.items():
         assert caption.endswith("."), name
         drawn = [axes.images if name in images else axes.lines for axes in figure.axes]

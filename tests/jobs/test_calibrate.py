@@ -81,7 +81,7 @@ def test_the_rig_is_found(run):
     for name, value in TRUE.items():
         assert abs(metrics[name] - value) < 3.5 * metrics[f"{name}_stderr"], name
     page = (run / "run" / "report.html").read_text()
-    assert "Held as known: strip_load: width_m 0.0038, pressure_Pa 6000" in page
+    assert "The known feature is a strip load" in page
     assert {each.name for each in (run / "run" / "figures").iterdir()} == {
         "fit.png", "correlation.png",
     }  # fmt: skip
@@ -132,7 +132,7 @@ def test_a_stated_gain_is_counted_in(lab):
 
 
 REFUSED = {
-    "another file": (["calibration.write={lab}/nominal.yaml"], "no calibration wrote"),
+    "another file": (["calibration.write={lab}/nominal.yaml"], "not as a calibration wrote it"),
     "another suffix": (["calibration.write={lab}/rig.csv"], "ends in .yaml"),
     "no folder": (["calibration.write={lab}/none/rig.yaml"], "no folder"),
     "in both": (["fit.free=[depth_m]", "fit.hold={{depth_m:1e-3,width_m:1e-3,pressure_Pa:1e3}}"],

@@ -82,7 +82,7 @@ REFUSED = {
     "seed": ("seed=-1", "seed is -1", "whole number from 0"),
     "no_features": ("feature=[]", "No feature", "feature=[strip_load]"),
     "rate": ("coverage.sample_rate_hz=0", "sample_rate_hz", "above 0"),
-    "slow": ("coverage.sample_rate_hz=50", "sample_rate_hz", "two in a depth"),
+    "slow": ("coverage.sample_rate_hz=50", "sample_rate_hz", "two samples per film depth"),
     "still": ("scan.speed_m_per_s=0.0", "scan.speed_m_per_s", "speed"),
     "silent": ("noise=[]", "no noise", "noise=[snr]"),
     "outside": ("coverage.truth.line_load.position_m=0.1", "position_m is 0.1", "-0.006"),

@@ -65,8 +65,8 @@ def test_excess_error_is_at_most_a_quarter_of_that_of_theory(changed):
         ("passes=0", "passes is 0: give a whole number from 1"),
         ("truth.depth_m=-1", "truth.depth_m is -1"),
         ("truth.gain=0", "truth.gain is 0"),
-        ("method=[wiener,tikhonov]", "name one, as the kernels are compared by it"),
-        ("effects=[strip_width,snap_back,sampling]", "averages passes of one sample a cell"),
+        ("method=[wiener,tikhonov]", "give one, by which the kernels are compared"),
+        ("effects=[strip_width,snap_back,sampling]", "takes one sample per cell"),
     ],
 )
 def test_bad_input(override, sentence):

@@ -215,10 +215,10 @@ REFUSALS = {
     "three numbers": (("[0.01,0.02,0.03]",), r"is \[0\.01, 0\.02, 0\.03\]: give two numbers"),
     "words": (("[short,long]",), r"is \['short', 'long'\]: give two numbers"),
     "wrong order": (("[0.03,0.015]",), r"is \[0\.03, 0\.015\]: give the shortest pitch"),
-    "longer than the scan": (("[0.015,0.2]",), r"0\.15 m long .*a longest pitch up to 0\.05 m"),
+    "longer than the scan": (("[0.015,0.2]",), r"0\.15 m long.*a longest pitch up to 0\.05 m"),
     "shorter than samples show": (
         ("[0.001,0.03]",),
-        r"are 0\.0006276 m apart.*a shortest pitch from 0\.001255 m on",
+        r"are 0\.0006276 m apart.*a shortest pitch of at least 0\.001255 m",
     ),
     "harmonics": (
         ("[0.015,0.03]", "fit_fabricslide.harmonics=0"),

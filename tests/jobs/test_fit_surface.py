@@ -99,7 +99,7 @@ def test_every_stage_of_a_surface_is_in_the_result(result_of):
 
 
 REFUSED = {
-    "both kinds": (["feature=[ridge,line_load]"], "ridge", "line_load", "contact"),
+    "both kinds": (["feature=[ridge,line_load]"], "ridge", "line_load", "surface", "traction"),
     "no pressure": (["feature=ridge"], "nominal pressure", "recording.nominal_pressure_Pa"),
     "no edge": (
         ["feature=ridge", "+recording.nominal_pressure_Pa=2e4"],
@@ -114,7 +114,7 @@ REFUSED = {
     "window": (
         ["feature=ridge", "recording.nominal_pressure_Pa=2e4", "feature.ridge.edge_length_m=2e-5",
          "recording.contact_window_m=[0,0.001]"],
-        "contact window", "hold the scan",
+        "contact window", "recording.contact_window_m",
     ),
 }  # fmt: skip
 

@@ -84,8 +84,9 @@ class TestDataset:
 
 def test_the_page_states_the_range_and_names_what_failed():
     result = short_run("gather")
-    assert "error_p_wiener goes from 0.0100 (noise.snr.snr_dB=40, scene=ridge)" in result.title
-    assert "5 of 6 jobs" in result.title
+    for part in ("Error of p", "0.0100", "40 dB", "ridge", "5 of 6 jobs"):
+        assert part in result.title
+    assert "noise.snr.snr_dB" not in result.title
     assert list(result.page.figures) == ["over_noise.snr.snr_dB"]
     text = result.page.html()
     assert "scene.pitch_m is 0" in text
@@ -112,7 +113,7 @@ def test_the_command_leaves_the_page_and_the_data(tmp_path, capsys):
 
 
 @pytest.mark.parametrize(
-    ("chosen", "words"), [(["heights"], "'heights'"), (["quality_wiener"], "is no number")]
+    ("chosen", "words"), [(["heights"], "'heights'"), (["quality_wiener"], "is not a number")]
 )
 def test_metrics_that_are_none(chosen, words):
     with pytest.raises(BadInput, match=words):
@@ -174,7 +175,7 @@ def test_a_large_file_under_many_names_is_refused_soon(tmp_path, name):
         (tmp_path / str(i) / name).unlink()
         os.link(large, tmp_path / str(i) / name)
     start = time.monotonic()
-    with pytest.raises(BadInput, match=f"{name} in it are longer"):
+    with pytest.raises(BadInput, match=f"its {name} files have more than"):
         gathered(tmp_path, {})
     assert time.monotonic() - start < 4 * MOST_S
 

@@ -59,7 +59,7 @@ def test_what_a_run_leaves(run):
     assert (run / "run" / "scan.yaml").is_file()
     assert [p.name for p in (run / "data").iterdir()] == ["scan.csv"]
     page = (run / "run" / "report.html").read_text()
-    for words in ("Columns", "1 with about 200", "scan.yaml", "polarity", "likely"):
+    for words in ("Columns", "about 200 samples lost", "scan.yaml", "polarity", "likely"):
         assert words in page
 
 
@@ -142,7 +142,7 @@ VERDICTS = {
     "usable": ({}, "usable as it is, once the sidecar", "", "experiment=invert_recording"),
     "missing samples": (
         {"voltage_1_mV": np.where(np.arange(N) == 4, np.nan, np.arange(N))},
-        "usable with recording.missing=allow, once", "data row 5 is empty",
+        "usable with recording.missing=allow, once", "data row 5 of column voltage_1_mV is empty",
         "recording.missing=allow",
     ),
     "no motion": ({"position_mm": None}, "not usable as it is", "recording.speed_m_per_s", ""),

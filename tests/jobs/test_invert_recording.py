@@ -226,7 +226,7 @@ REFUSED = {
     "integrated": (
         SPEEDS["halting"],
         ("amplifier=integrated",),
-        r"integral of the signal.*amplifier=current",
+        r"amplifier=integrated.*amplifier=current",
     ),
 }
 

@@ -51,7 +51,7 @@ def test_strip_as_wide_as_the_pitch_is_blind(ridges):
 
 def test_signal_and_noise(ridges):
     m = ridges.metrics
-    assert 0.4e-6 < m["amplitude_V"] < 1.8e-6  # docs/physics.md for one strip; here two
+    assert 0.4e-6 < m["amplitude_V"] < 1.8e-6  # docs/explanation/paper.md for one strip; here two
     assert m["noise_rms_V"] == pytest.approx(np.sqrt(4 * 1.380649e-23 * 300 * 1e6 * 2500))
     assert m["noise_rms_in_band_V"] == pytest.approx(m["noise_rms_V"] * np.sqrt(40 / 2500))
     samples = ridges.dataset.sizes["position"]

@@ -158,7 +158,7 @@ def test_page_is_whole(outcomes, name):
     ("name", "override", "words"),
     [
         ("fig13_tape", "scene=ridge", "scene is not one tape"),
-        ("fig13_tape", "scene=strip", "name one of a surface"),
+        ("fig13_tape", "scene=strip", "give one of a surface"),
         ("fig13_tape", "fig13_tape.around_edge_m=0.008", "around_edge_m is 0.008"),
         ("textures", "sensor=two_element", "has 2 elements"),
         ("textures", "friction=null", "friction is null"),

@@ -153,7 +153,7 @@ def test_a_recording_is_planned(tmp_path):
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
-        (("error=null",), "Nothing is asked for"),
+        (("error=null",), "error and budget_s are both null"),
         (("error=-1",), "error is -1"),
         (("error=null", "budget_s=0"), "budget_s is 0"),
         (("quantity=mu",), "quantity is 'mu'"),

@@ -62,12 +62,12 @@ REFUSALS = {
     "experiment=inspect_recording recording.path=words.txt": ["words.txt", "no column"],
     "experiment=fit_recording calibration=rig.yaml": ["calibration", "recording.calibration"],
     # Keys and choices
-    "experiment=nope": ["'nope'", "invert_recording"],
+    "experiment=nope": ["'nope'", "srsinv --help"],
     "experiment=two_elements": ["'two_elements'", "'two_element'"],
     "sensor.dept_m=1": ["sensor.dept_m", "sensor.depth_m"],
     "+scan.speed=1": ["scan.speed", "speed_m_per_s"],
     "amplifier=loud": ["'loud'", "current"],
-    "effects=[nope]": ["'nope'", "amplifier_bandwidth"],
+    "effects=[nope]": ["'nope'", "srsinv --help"],
     "scan=null": ["scan=null", "sliding"],
     "grid=null": ["grid", "null"],
     "tolerance=0.1": ["tolerance"],
@@ -87,7 +87,7 @@ REFUSALS = {
     "effects=auto scan.speed_m_per_s=0": ["speed_m_per_s"],
     "scan.speed_m_per_s=0": ["speed_m_per_s", "0"],
     f"{TINY} effects=[sampling] effects.sampling.rate_hz=10": ["effects.sampling.rate_hz"],
-    f"{TINY} effects=[oblique_features] effects.oblique_features.angle_deg=90": ["does not move"],
+    f"{TINY} effects=[oblique_features] effects.oblique_features.angle_deg=90": ["give a smaller"],
     f"{TINY} scene=ridge scene.surfaces.ridge.height_m=0": ["no signal", "noise=[white]"],
     f"{TINY} sensor=one_element": ["friction"],
     "grid.line=open grid.cells=64 method=tikhonov method.tikhonov.path=spectral": [
@@ -139,4 +139,4 @@ def test_a_command_is_refused_in_one_line(folder, capsys, typed):
 @pytest.mark.parametrize("typed", ["seed=range(0,0)", "seed=glob(*)", "effects=glob(*)"])
 def test_a_sweep_of_no_jobs_or_of_any_is_refused(folder, capsys, typed):
     assert command("run", "-m", typed) == 2
-    assert "give values" in (said := capsys.readouterr().err) or "name them" in said
+    assert "give at least" in (said := capsys.readouterr().err) or "name the options" in said

@@ -100,17 +100,17 @@ def test_the_paper_s_3_dB_hold_for_both_controls():
 
 
 REFUSED = [
-    ("linearity", CORELESS, "without a rigid core"),
-    ("frequency_response", LINE_LOAD, "infinitely far"),
+    ("linearity", CORELESS, "a skin on a rigid core"),
+    ("frequency_response", LINE_LOAD, "without limit"),
     ("linearity", "effects=[speed_ripple]", "speed_ripple, which acts on sliding"),
     ("frequency_response", "effects=auto", "effects=auto"),
     ("frequency_response", "frequency_response.drives=[force]", "drives is 'force'"),
-    ("frequency_response", "amplifier=integrated", "IntegratedCurrent reads along x"),
+    ("frequency_response", "amplifier=integrated", "IntegratedCurrent integrates along x"),
     ("fig08_knife_edge", "noise=[sliding]", "correlated along x"),
     ("fig08_knife_edge", "sensor=two_element", "has 2 elements"),
     ("fig08_knife_edge", "fig08_knife_edge.amplitude_N_per_m=2", "leave the skin"),
     ("fig08_knife_edge", "fig08_knife_edge.directions_deg=[100]", "100.0|100: give angles"),
-    ("fig08_knife_edge", "fig08_knife_edge.place_range_m=[1,0]", "that increase"),
+    ("fig08_knife_edge", "fig08_knife_edge.place_range_m=[1,0]", "in increasing order"),
     ("fig08_knife_edge", "fig08_knife_edge.widths_m=[]", "widths_m is"),
     ("linearity", "linearity.controls=[load,work]", "controls is 'work'"),
     ("linearity", "linearity.radii_m=[-1]", "radii_m"),

@@ -28,7 +28,7 @@ HEADINGS = [
     "Residual",
     "Spectra",
     "Averaging kernel",
-    "What was assumed",
+    "Assumptions",
 ]
 FEEDBACK_OHM = 1e6
 WEIGHTS = ("method.tikhonov.weight_p=1e-6", "method.tikhonov.weight_q=1e-6")

@@ -318,13 +318,13 @@ def recorded(signal=SIGNAL_V, **facts):
     return Recording(rows, time_s, np.full(time_s.size, SPEED_M_PER_S), names, facts)
 
 
-@pytest.mark.parametrize(("key", "start"), [("high_pass_Hz", "give "), ("notch_width_Hz", "than ")])
-def test_the_least_frequency_that_is_offered_is_taken(key, start):
+@pytest.mark.parametrize("key", ["high_pass_Hz", "notch_width_Hz"])
+def test_the_least_frequency_that_is_offered_is_taken(key):
     facts = {"notch_Hz": 50.0} if key == "notch_width_Hz" else {}
     for samples in (390, 395, 399):
         signal = SIGNAL_V[:, :samples]
         said = refused(lambda s=signal: on_even_times(recorded(s, **facts, **{key: 1.0})))
-        least = re.search(rf"{start}([\d.]+)", said)
+        least = re.search(r"give at least ([\d.]+)", said)
         assert least
         bound = {key: float(least[1])}
         assert on_even_times(recorded(signal, **facts, **bound)).raw_signal is not None

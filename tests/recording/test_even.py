@@ -109,7 +109,7 @@ def test_a_stated_rate_tells_rounding_from_lost_rows():
 
 
 REFUSED = {
-    "jitter": (np.cumsum(RNG.uniform(0.5, 1.5, N)), "own time stamps", "recording.times=ignore"),
+    "jitter": (np.cumsum(RNG.uniform(0.5, 1.5, N)), "even times", "recording.times=ignore"),
     "a day's rest": (
         np.concatenate([ROW[:1000], ROW[1000:] + 86_400_000]) / 1000.0,
         "cut the recording", "after data row 1000",
@@ -142,7 +142,7 @@ def test_a_rate_beside_times(tmp_path, rate, by):
         return
     refused(
         lambda: load_even(settings, {}),
-        f"sample_rate_hz is {rate:.6g}", "2000 Hz", "leave sample_rate_hz out",
+        f"sample_rate_hz is {rate:.6g}", "2000 Hz", "recording.sample_rate_hz=2000",
         "recording.times=ignore",
     )  # fmt: skip
     forced = load_even(settings | {"times": "ignore"}, {})

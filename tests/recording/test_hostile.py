@@ -217,7 +217,7 @@ def test_all_bytes_of_a_sidecar(tmp_path):
     path.unlink()
     if os.path.exists("/sys/kernel/mm"):  # whose files state more than they have
         path.symlink_to("/sys/devices/system/cpu/online")
-        refused(lambda: read_bytes(path, what="sidecar", most=10**6), "copy it to a file")
+        refused(lambda: read_bytes(path, what="sidecar", most=10**6), "copy it to a regular file")
 
 
 def test_json_of_srsinv_itself(tmp_path):
@@ -225,7 +225,7 @@ def test_json_of_srsinv_itself(tmp_path):
     path.write_text('{"a": 1}')
     assert read_json(path, **where) == {"a": 1}
     path.write_text('{"a": 1, "a": 2}')
-    with pytest.raises(BadInput, match="run again"):
+    with pytest.raises(BadInput, match="repeat the command"):
         read_json(path, **where)
 
 

@@ -557,7 +557,7 @@ REFUSED: dict[str, tuple[Callable[[Path], object], str, dict, str]] = {
     "no time in common": (
         two_films({"wf_start_offset": 2 * N * STEP_S}, "mm"), "r.tdms", {}, "Ch 0, Stage pos"),
     "a start of the stage alone": (
-        h5(HAND, position_m={"start_time": -0.1}), "r.h5", {}, "position_m begins"),
+        h5(HAND, position_m={"start_time": -0.1}), "r.h5", {}, "start of position_m"),
     "a unit in the name and another in the file": (
         h5(scan(), position_mm={"units": "m"}), "r.h5", {}, "mm by its name and m"),
     "a film of another group": (

@@ -156,7 +156,7 @@ def test_a_file_is_read_and_inspected_as_it_is(tmp_path):
 
 def test_prepared_signals_are_not_saved_to_be_prepared_again(tmp_path):
     once = on_even_times(recorded(wave(50.0), notch_Hz=50.0))
-    refused(lambda: save(once, tmp_path / "again.csv"), "again.csv", "prepared")
+    refused(lambda: save(once, tmp_path / "again.csv"), "again.csv", "filtered already")
     assert not list(tmp_path.iterdir())
 
 
@@ -164,13 +164,13 @@ def test_prepared_signals_are_not_saved_to_be_prepared_again(tmp_path):
     ("facts", "words"),
     [
         ({"high_pass_Hz": 1000.0}, ("high_pass_Hz is 1000.0", "2000 samples", "980 Hz")),
-        ({"high_pass_Hz": 0.09}, ("high_pass_Hz is 0.09", "lasts 9.999 s", "detrend")),
+        ({"high_pass_Hz": 0.09}, ("high_pass_Hz is 0.09", "9.999 s", "detrend")),
         ({"high_pass_Hz": 60.0, "notch_Hz": 50.0}, ("high_pass_Hz is 60.0", "49 Hz")),
-        ({"notch_Hz": [50.0, 979.5]}, ("notch_Hz is 979.5", "980 Hz")),
-        ({"notch_Hz": 0.5}, ("notch_Hz is 0.5", "between 0")),
+        ({"notch_Hz": [50.0, 979.5]}, ("notch_Hz at 979.5 Hz", "980 Hz")),
+        ({"notch_Hz": 0.5}, ("notch_Hz at 0.5 Hz", "between 0")),
         (
             {"notch_Hz": 50.0, "notch_width_Hz": 0.09},
-            ("notch_width_Hz is 0.09", "lasts 9.999 s", "mains_Hz"),
+            ("notch_width_Hz is 0.09", "9.999 s", "mains_Hz"),
         ),
         ({"notch_Hz": [200.0, 400.0], "notch_width_Hz": 60.0}, ("is 60.0", "100 Hz", "fewer")),
         ({"notch_width_Hz": 3.0}, ("notch_width_Hz is 3.0", "notch_Hz")),
@@ -190,13 +190,13 @@ def test_a_channel_of_which_most_is_missing_is_not_filtered():
 @pytest.mark.parametrize(
     ("facts", "is_mean_known", "words"),
     [
-        ({"notch_Hz": [50.0, 150.0]}, False, ["notch_Hz=50 took", "100 Hz", "mains_Hz"]),
+        ({"notch_Hz": [50.0, 150.0]}, False, ["notch_Hz=50 removed", "100 Hz", "mains_Hz"]),
         ({"notch_Hz": [101.1, 150.0]}, False, []),
-        ({"notch_Hz": 100.9}, False, ["notch_Hz=100.9 took"]),
-        ({"high_pass_Hz": 1.0}, False, ["high_pass_Hz=1 took", "recording.drift"]),
-        ({"detrend": "linear"}, False, ["detrend=linear took", "recording.drift"]),
+        ({"notch_Hz": 100.9}, False, ["notch_Hz=100.9 removed"]),
+        ({"high_pass_Hz": 1.0}, False, ["high_pass_Hz=1 removed", "recording.drift"]),
+        ({"detrend": "linear"}, False, ["detrend=linear removed", "recording.drift"]),
         ({"detrend": "constant"}, False, []),
-        ({"detrend": "constant"}, True, ["detrend=constant took the mean"]),
+        ({"detrend": "constant"}, True, ["detrend=constant removed the mean"]),
     ],
 )
 def test_what_the_bands_do_not_hold_is_said(facts, is_mean_known, words):

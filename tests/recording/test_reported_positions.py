@@ -62,7 +62,7 @@ def test_positions_that_are_written_now_and_then(tmp_path, case, blank):
 def test_few_positions_are_not_interpolated(tmp_path):
     cells = np.full(T_S.size, "", object)
     cells[[0, -1]] = ["10.0", "13.99"]
-    with pytest.raises(BadInput, match="data row 2 is empty"):
+    with pytest.raises(BadInput, match=r"data row 2 of column Stage pos \(mm\) is empty"):
         of_stage(tmp_path, cells)
 
 

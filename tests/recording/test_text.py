@@ -81,7 +81,7 @@ def test_a_wrong_cell_far_inside_a_long_file_is_named(tmp_path, cell):
     np.testing.assert_array_equal(recording.signal[0, :7], [float(f"{v}e-1") for v in range(-3, 4)])
     lines[row] = f"{row / 1000},0.05,{cell}"
     path.write_text("\n".join([",".join(NAMES), *lines]))
-    with pytest.raises(BadInput, match=f"voltage_0_V, data row {row + 1} holds"):
+    with pytest.raises(BadInput, match=f"data row {row + 1} of column voltage_0_V is"):
         load(path)
     lines[row] = "1,2"
     path.write_text("\n".join([",".join(NAMES), *lines]))

@@ -153,7 +153,7 @@ def test_a_channel_that_is_stuck_but_for_a_few_samples_stays():
 
     found, words = missing(recording(change=stuck))
     assert not found.any()
-    assert "the answer goes by them" in words[0]
+    assert "The answer uses them" in words[0]
 
 
 @pytest.mark.parametrize("factor", [1e-30, -1.0, 1e30])

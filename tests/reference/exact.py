@@ -2,7 +2,8 @@
 importing it.
 
 Airy's function f = (A + B z) exp(-|k| z) exp(ikx) solves the biharmonic equation and decays; the
-surface's sigma_z = -p and tau_xz = -q fix A and B. SI units, signs of docs/physics.md.
+surface's sigma_z = -p and tau_xz = -q fix A and B. SI units, signs of
+docs/explanation/physics/signs.md.
 """
 
 import mpmath as mp

@@ -1,7 +1,7 @@
 """Signals of a film on a line by plain sums over kernels in many digits, without srsinv.
 
-SI units, signs of docs/physics.md. An element is (depth, angle, strip width, offset), its charge
-that of a strip of 1 m^2; a strip width of 0 is a thin strip.
+SI units, signs of docs/explanation/physics/signs.md. An element is (depth, angle, strip width,
+offset), its charge that of a strip of 1 m^2; a strip width of 0 is a thin strip.
 """
 
 import numpy as np

@@ -397,7 +397,7 @@ def test_scene_draws_each_element_with_its_axes(tilted_scene, element, one, thre
     ("speed", "words", "direction"),
     [
         (0.05, "towards +x at 50 mm/s", 1),
-        (-0.012, "towards -x at 12 mm/s", -1),
+        (-0.012, "towards −x at 12 mm/s", -1),
     ],
 )
 def test_scene_shows_the_sliding(speed, words, direction):
@@ -508,7 +508,7 @@ def test_a_logarithmic_axis_of_a_spread_spans_its_values():
 def test_the_axis_of_a_spread_holds_its_values_in_their_unit():
     data = dataset({"error": ("estimator", [-3.5e-6, 5e-6], "m")}, {"estimator": (["a", "b"], "1")})
     (axes,) = panels_of(plot.spread(data, {"error": "error"}, "estimator", log=["error"]))
-    assert axes.get_xlabel() == "[µm]"
+    assert axes.get_xlabel() == "error [µm]"
     assert axes.get_xlim() == pytest.approx((-7.0, 10.0))
 
 

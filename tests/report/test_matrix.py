@@ -10,8 +10,8 @@ from srsinv.report.plot.matrix import compact
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0.0, "0"), (1.234, "1.2"), (-1.234, "-1.2"), (99.6, "100"), (123.4, "123"), (123456, "1e5"),
-     (0.034, "0.03"), (3.4e-5, "3e-5"), (2e12, "2e12"), (np.nan, "–"), (np.inf, "inf")],
+    [(0.0, "0"), (1.234, "1.2"), (-1.234, "−1.2"), (99.6, "100"), (123.4, "123"), (123456, "10⁵"),
+     (0.034, "0.03"), (3.4e-5, "3·10⁻⁵"), (2e12, "2·10¹²"), (np.nan, "–"), (np.inf, "inf")],
 )  # fmt: skip
 def test_a_number_is_short(value, text):
     assert compact(value) == text

@@ -205,13 +205,41 @@ def test_a_column_has_one_unit():
 
 @pytest.mark.parametrize(
     ("cell", "shown"),
-    [("100 %", "100\xa0%"), ("25.89 ± 0.32 µm", "25.89 ± 0.32\xa0µm"), ("two words", "two words")],
+    [
+        ("100 %", "100\xa0%"),
+        ("25.89 ± 0.32 µm", "25.89\xa0±\xa00.32\xa0µm"),
+        ("11.5 nV s", "11.5\xa0nV\xa0s"),
+        ("two words", "two words"),
+    ],
 )
 def test_no_line_ends_between_a_number_and_its_unit(cell, shown):
     data = dataset(scalars({"width": cell}), {})
     page = render(Result(f"Of {cell}", data), {})["report.html"].decode()
     assert f"<td>{shown}</td>" in page
     assert f"<h1>Of {shown}</h1>" in page
+
+
+@pytest.mark.parametrize(("typed", "printed"), [
+    ("1e-05", "10⁻⁵"), ("-2.5e-06 V", "−2.5\xa0×\xa010⁻⁶\xa0V"), ("towards -x", "towards −x"),
+    ("depth_m=5e-5", "depth_m=5e-5"), ("2026-11-28", "2026-11-28"), ("file-3e5.csv",
+    "file-3e5.csv"),
+])  # fmt: skip
+def test_powers_and_signs_are_typeset_but_in_settings_and_names(typed, printed):
+    data = dataset(scalars({"width": typed}), {})
+    page = render(Result(typed, data), {})["report.html"].decode()
+    assert f"<td>{printed}</td>" in page
+    assert f"<h1>{printed}</h1>" in page
+
+
+def test_rows_of_one_quantity_share_a_unit_that_reads_well():
+    words = '{{ table({"w": ds.w|with_error(ds.e, ["m"] * 3)}) }}'
+    data = dataset(
+        {"w": ("i", [1.03e-3, 9.3e-4, 2e-5], "m"), "e": ("i", [1e-5, 1e-5, 1e-6], "m")},
+        {"i": ([0, 1, 2], "1")},
+    )
+    (table,) = blocks(WrittenSection("S", words=words), data)
+    assert isinstance(table, Table)
+    assert [row[0].split()[-1] for row in table.rows] == ["mm", "mm", "µm"]
 
 
 @pytest.mark.parametrize(("value", "stderr", "units", "written"), [

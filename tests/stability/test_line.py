@@ -264,5 +264,5 @@ def test_one_and_two_samples_are_refused(kind, n):
 def test_a_strip_too_wide_for_the_open_line_is_refused():
     device = Sensor([Film(1e-9, effects=(StripAverage.at_depth(1e-3, 1e-9),))])
     r, y = jnp.ones((2, 3)), jnp.ones((1, 3))
-    refused(lambda: both_ways(Open(3, CELL_M), device, r, y), "depths", "periodic line")
+    refused(lambda: both_ways(Open(3, CELL_M), device, r, y), "depths", "grid.line=periodic")
     assert np.isfinite(both_ways(Periodic(3, CELL_M), device, r, y)[0]).all()

@@ -296,7 +296,7 @@ class Explained(NamedTuple):
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What is said of it."""
+        """A sentence that names the causes."""
         if not self.causes:
             return ()
         return (f"{self.share:.0%} of the misfit is explained by {in_words(self.causes)}.",)

@@ -381,7 +381,7 @@ def checked_pressure(given: Any) -> float:
     """The nominal pressure, refused where none is known."""
     refuse(
         given is None,
-        "No nominal pressure is known, which a surface is pressed on with: give "
+        "The nominal pressure on the surface is not known: give "
         "recording.nominal_pressure_Pa, the mean over the contact window.",
     )
     wanted = "a positive pressure in Pa"

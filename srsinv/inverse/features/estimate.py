@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
 import jax
@@ -12,23 +12,31 @@ import scipy
 from jaxtyping import Array, Float
 
 from ...errors import of_kind
+from ...forward.scan import Motion
 from ...grid import Line, as_real
 from ...status import Status
+from ...views import Arrays, ViewData
 from ..diagnostics import Quality, of_fit, quality, undetected
-from ..estimate import Estimate, Numbers
+from ..estimate import COMPONENTS, Estimate, Numbers
 from ..line.model import CHI2, FREEDOM
-from ..line.problem import ScannedCells
+from ..line.problem import LineProblem, ScannedCells
 from ..noise.causes import LikelyCause
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, whitener
+from ..problem import Problem
 from .budget import Budget
 from .identifiability import undetected_features
 from .loading import Features
 from .model import FeatureModel
 
+if TYPE_CHECKING:
+    import xarray
+
+PROFILE_UNITS = {"height": "m", "gap": "m", "friction": "1"}
+
 
 class FeatureEstimate(Estimate):
-    """Fitted features.
+    """Features fitted to a recording: their parameters with standard errors, and their traction.
 
     - `features`: by name; none for "nothing there". `fit`: the fit below, None without any free
       parameter. `model`: parameters to signal and traction; `data` (e, sample): the signals that
@@ -42,7 +50,9 @@ class FeatureEstimate(Estimate):
     - `causes`: what explains most of a misfit, the likeliest first; none where nothing does.
     - `levels`: of the noise, where it was estimated from the residual.
     - `cells`: which cells of the problem's line the samples were; None where they were none.
-    - `line`: of the traction, and `background_Pa`, the uniform pressure and shear that are added to
+    - `motion`: where the sensor stood at the samples; None where the samples are cells, or where no
+      problem was given. `signal_unit`: of `data`, "1" where it is not known.
+    - `line`: of the traction; `background_Pa` [Pa]: uniform pressure and shear that are added to
       it. It is computed when it is asked for, with the standard error to first order.
     """
 
@@ -64,6 +74,9 @@ class FeatureEstimate(Estimate):
     cells: ScannedCells | None = None
     covariance: Float[Numbers, "m m"] | None = None
     averaging: Float[Numbers, "c c n"] | None = None
+    motion: Motion | None = None
+    signal_unit: str = eqx.field(static=True, default="1")
+    are_cells: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def of(
@@ -184,6 +197,10 @@ class FeatureEstimate(Estimate):
         """Its standard error [Pa], infinite where the fit failed."""
         return self._traction(None)[1]
 
+    def _value_and_stderr(self) -> tuple[np.ndarray, np.ndarray]:
+        value, stderr = self._traction(None)
+        return value + np.reshape(self.background_Pa, (2, 1)), stderr
+
     @property
     def has_bands(self) -> bool:
         """Yes: every fit has standard errors, infinite where it failed."""
@@ -191,20 +208,22 @@ class FeatureEstimate(Estimate):
 
     def on(self, line: Line) -> "FeatureEstimate":
         of_kind("line", line, Line, "a line, such as Open(256, 1.5e-4)")
-        return dataclasses.replace(self, line=line)
+        return dataclasses.replace(self, line=line, are_cells=False)
 
-    def of_problem(
-        self, background_Pa: Sequence[Any], line: Line | None, cells: ScannedCells | None
-    ) -> "FeatureEstimate":
-        """The same estimate over a uniform pressure and shear, None where they are not known, and,
-        where the samples were cells of a line, on that one."""
-        p, q = (0.0 if each is None else float(each) for each in background_Pa)
-        placed = dataclasses.replace(self, background_Pa=(p, q))
-        if line is None or cells is None:
-            return placed
-        data, whitened = (cells.placed(np.asarray(each)) for each in (self.data, self.whitened))
-        parts: dict[str, Any] = {"data": data, "whitened": jnp.asarray(whitened)}
-        return dataclasses.replace(placed, line=line, cells=cells, **parts)
+    def of_problem(self, problem: Problem | LineProblem) -> "FeatureEstimate":
+        """The same estimate over the problem's uniform pressure and shear, as far as they are
+        known, and, where its samples are cells of a line, on that one."""
+        p, q = (0.0 if each is None else float(each) for each in problem.background_Pa)
+        parts: dict[str, Any] = {"background_Pa": (p, q)}
+        if problem.sensor is not None:
+            parts["signal_unit"] = problem.sensor.amplifier.unit
+        if isinstance(problem, Problem):
+            return dataclasses.replace(self, motion=problem.motion, **parts)
+        if (cells := problem.scanned) is not None:
+            data, whitened = (cells.placed(np.asarray(each)) for each in (self.data, self.whitened))
+            parts |= {"data": data, "whitened": jnp.asarray(whitened), "line": problem.line,
+                      "cells": cells, "are_cells": True}  # fmt: skip
+        return dataclasses.replace(self, **parts)
 
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self._traction(cells)
@@ -221,6 +240,50 @@ class FeatureEstimate(Estimate):
         both = self._derived(_Profiles(self.model.filled), shape)
         value, stderr = (each[:, :cells] for each in both)
         return dict(zip(names, zip(value, stderr, strict=True), strict=True))
+
+    def view_data(self) -> ViewData:
+        data = super().view_data()
+        samples, _, unit = data.variables["fitted_signal"]
+        variables: Arrays = data.variables | {
+            "signal": (samples, self.data, unit),
+            "log_evidence": ((), self.log_evidence, "1"),
+        }
+        if self.motion is not None:
+            columns = self.motion.time_s, self.motion.position_m, self.motion.speed_m_per_s
+            named = zip(("time", "position", "speed"), columns, ("s", "m", "m/s"), strict=True)
+            variables |= {name: ("sample", each, unit) for name, each, unit in named}
+        title = f"{self.name.replace('_', ' ').capitalize()} fitted"
+        return data._replace(title=title, variables=variables, notes=self._notes())
+
+    def to_xarray(self) -> "xarray.Dataset":
+        """The arrays of any estimate; of a surface also height and gap [m] and friction along x,
+        where `line` is that of the fit."""
+        data, names = super().to_xarray(), self.model.loading.PROFILES
+        is_own_line = np.array_equal(self.line.x, self.model.scanned_line.x)
+        if not is_own_line or len(names) == len(COMPONENTS):
+            return data
+        return data.assign(
+            {
+                name: (dims, values, {"units": units})
+                for name, (dims, values, units) in contact_variables(self.profiles()).items()
+            }
+        )
+
+    def _notes(self) -> dict[str, str]:
+        """Why standard errors of parameters are not valid, by their names."""
+        if self.fit is None or self.quality is Quality.FAILED:
+            return {}
+        are_many, missed = len(self.features) > 1, self.undetected
+        of_fit = {each: each.replace(".", "_") if are_many else each.rpartition(".")[2]
+                  for each in self.fit.at_bound}  # fmt: skip
+        notes = {}
+        for name, (_, stderr) in self.parameters.items():
+            is_missed = any(not are_many or name.startswith(f"{each}_") for each in missed)
+            if name in of_fit.values():
+                notes[name] = "on a bound"
+            elif not np.isfinite(stderr):
+                notes[name] = "not detected" if is_missed else "not identifiable"
+        return notes
 
     def _traction(self, cells: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         shape = 2, self.line.n
@@ -263,6 +326,17 @@ class _CellTraction(eqx.Module):
         if self.weights is not None:
             traction = traction - traction @ self.weights[:, None]
         return jnp.ravel(traction)
+
+
+def contact_variables(profiles: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> Arrays:
+    """Of what [`FeatureEstimate.profiles`][] gives, that beside p and q as variables of a dataset:
+    height and gap [m] and friction of a surface, with their standard errors."""
+    return {
+        key: ("x", values, PROFILE_UNITS[name])
+        for name, pair in profiles.items()
+        if name not in COMPONENTS
+        for key, values in zip((name, f"{name}_stderr"), pair, strict=True)
+    }
 
 
 def explains(end: Fit) -> bool:

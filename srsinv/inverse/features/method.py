@@ -51,7 +51,7 @@ def _key(given: Any) -> tuple[Any, tuple[bytes, ...]]:
 
 
 class FeatureFit(Method):
-    """Features fitted together, as a sum.
+    """The fit of features as a method: it takes a problem and gives a `FeatureEstimate`.
 
     - `features`: by name; all of traction, or all of a surface, which acts through the skin's
       contact with it.
@@ -94,7 +94,7 @@ class FeatureFit(Method):
         kinds = {feature.is_of_surface for feature in features.values()}
         refuse(
             len(kinds) != 1,
-            f"The features are {echo(dict(features))}: give one or more by name, all of them of "
+            f"The features are {echo(dict(features))}: give one or more by name, all of "
             "traction or all of a surface.",
         )
         wanted = "a solver, such as Optimistix()"
@@ -217,7 +217,7 @@ def _trend_found(noise: SampleNoise) -> str:
 
 def _placed(estimate: FeatureEstimate, problem: Problem | LineProblem) -> FeatureEstimate:
     """The estimate on the problem's own line and over its background, with its warnings."""
-    placed = estimate.of_problem(problem.background_Pa, problem.own_line, problem.scanned)
+    placed = estimate.of_problem(problem)
     pulling = _pulling(placed, problem.surrounding_pressure_Pa)
     beyond = _beyond(placed, problem.modulus_Pa)
     warnings = *problem.warnings, *placed.warnings, *pulling, *beyond

@@ -94,9 +94,9 @@ class FeatureModel(eqx.Module):
         x = np.asarray(motion.position_m)
         refuse(
             not (window.start_m <= x.min() and x.max() <= window.end_m),
-            f"The contact window from {window.start_m:.6g} m to {window.end_m:.6g} m does not hold "
-            f"the scan from {x.min():.6g} m to {x.max():.6g} m: give recording.contact_window_m "
-            "as [start, end] around it.",
+            f"The contact window from {window.start_m:.6g} m to {window.end_m:.6g} m does "
+            f"not contain the scan from {x.min():.6g} m to {x.max():.6g} m: give "
+            "recording.contact_window_m as [start, end] around it.",
         )
         check_cells("The contact window", window.length_m, cell_m)
         blocks = int(np.ceil(window.length_m / cell_m / BLOCK))

@@ -69,14 +69,14 @@ class SampledScan:
         speed, depth = float(self.scan.speed_m_per_s), float(self.sensor.depth_m)
         refuse(
             speed == 0,
-            "scan.speed_m_per_s is 0: a touch at rest scans no feature, give a speed.",
+            "scan.speed_m_per_s is 0: a static touch scans no feature, give another value.",
         )
         step = abs(speed) / self.rate_hz
         refuse(
             not 2 * step <= depth <= length_m / 4,
-            f"The scan of {length_m:.4g} m has samples {step:.4g} m apart: with film {depth:.4g} m "
-            f"deep give a {self.job}.sample_rate_hz with at least two in a depth, and a scan of "
-            "at least four depths.",
+            f"The scan of {length_m:.4g} m has samples {step:.4g} m apart: give "
+            f"{self.job}.sample_rate_hz with two samples per film depth of {depth:.4g} m, "
+            "and a scan of at least four depths.",
         )
         time = np.arange(int(length_m / step) + 1) / self.rate_hz
         return Motion.from_speed(time, speed, start_m + (length_m if speed < 0 else 0.0))
@@ -114,7 +114,7 @@ class SyntheticScan:
         power = np.asarray(total_spectrum(self.noises, line, self.scan, rms))
         refuse(
             not bool(np.all(power > 0)),
-            "There is no noise to judge a fit by: name one above zero, such as noise=[snr].",
+            "There is no noise to weight the fit by: give a noise above 0, such as noise=[snr].",
         )
         return power
 
@@ -268,14 +268,14 @@ class SceneShape:
         if surface is None or kind is None:
             kinds = ", ".join(kind.__name__ for kind in FEATURES)
             raise BadInput(
-                f"The scene has {len(shapes)} surfaces ({', '.join(names)}): coverage takes one "
-                f"that can be fitted ({kinds}), such as scene=ridge."
+                f"The scene has {len(shapes)} surfaces ({', '.join(names)}): give exactly one "
+                f"of {kinds}, such as scene=ridge."
             )
         others = [name for name, each in features.items() if type(each) is not kind]
         refuse(
             bool(others),
-            f"feature names {', '.join(others)}, and what coverage fits to the scene of a surface "
-            f"is the scene's own shape ({kind.__name__}): leave feature out.",
+            f"feature names {', '.join(others)}, but coverage on a surface fits the "
+            f"scene's own shape ({kind.__name__}): leave feature out.",
         )
         shape: Any = shapes[0]
         base = float(surface.surface.base_friction)

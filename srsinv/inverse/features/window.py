@@ -66,9 +66,9 @@ class FittedStretch(NamedTuple):
             return ()
         start, end = self.window
         return (
-            f"The fit goes by the stretch from {start:.6g} m to {end:.6g} m, where the signal is "
-            f"strongest; it is above the noise elsewhere too, first at {self.elsewhere_m:.6g} m: "
-            "give the feature's position_range_m to have another stretch.",
+            f"The fit uses the stretch from {start:.6g} m to {end:.6g} m, where the signal is "
+            "strongest. The signal exceeds the noise elsewhere, too, first at "
+            f"{self.elsewhere_m:.6g} m: give the feature's position_range_m for another stretch.",
         )
 
 

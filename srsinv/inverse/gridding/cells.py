@@ -76,9 +76,9 @@ def check_cells(name: str, length_m: float, cell_m: float) -> None:
     cells, most = length_m / cell_m, resolution.MOST_CELLS
     refuse(
         not cells <= most,
-        f"{name}: the {length_m:.4g} m in cells of {cell_m:.4g} m are {cells:.4g} cells, more than "
-        f"{most}: check recording.speed_m_per_s, recording.sample_rate_hz, "
-        "sensor.depth_m and recording.contact_window_m, and their units.",
+        f"{name}: {length_m:.4g} m in cells of {cell_m:.4g} m make {cells:.4g} cells, "
+        f"more than {most}: check the units of recording.speed_m_per_s, "
+        "recording.sample_rate_hz, sensor.depth_m and recording.contact_window_m.",
     )
 
 
@@ -167,9 +167,9 @@ def line_over(
     n = before + x.size + after
     refuse(
         n > MOST_UNSCANNED * x.size,
-        f"The scan is {x[-1] - x[0] + cell:.4g} m long, and the line that it is to be inverted on "
-        f"{n * cell:.4g} m, more than {MOST_UNSCANNED} times as much: record a longer one, or give "
-        "a narrower recording.contact_window_m.",
+        f"The scan is {x[-1] - x[0] + cell:.4g} m long, but the contact needs a line "
+        f"of {n * cell:.4g} m, more than {MOST_UNSCANNED} times that: record a longer "
+        "scan, or give a narrower recording.contact_window_m.",
     )
     if window_m is None and n > FEW_CELLS:
         n = _quick_length(n)

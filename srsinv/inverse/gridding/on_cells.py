@@ -72,7 +72,10 @@ def on_cells(
     """
     every = passes_of(np.asarray(given.motion.position_m))
     if not every:
-        raise BadInput(f"{given.name}: the sensor stands still, and a rate shows nothing then.")
+        raise BadInput(
+            f"{given.name}: the sensor does not move, so there is no rate signal: give a "
+            "recording that slides."
+        )
     turns = go_both_ways(every)
     passes = tuple(each for each in every if direction is None or each.is_onwards == direction)
     if not passes:
@@ -143,8 +146,8 @@ def _check_samples(given: SampledSignals, passes: Sequence[Pass]) -> None:
         count, at_s = own.stop - own.start, float(time_s[own.start])
         refuse(
             count < LEAST_SAMPLES,
-            f"{given.name}: the position turns back after {count} of its samples, at {at_s:.6g} s: "
-            "correct the positions there (a counter that wraps, a spike).",
+            f"{given.name}: the position turns back after {count} of its samples, at "
+            f"{at_s:.6g} s: correct its spike or its counter's wrap there.",
         )
 
 

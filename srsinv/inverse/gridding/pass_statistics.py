@@ -15,8 +15,8 @@ from ...numerics import BAND_90, ROUNDED, root_of
 SMOOTH_DEPTHS = 1 / 6  # over which signals' slopes are smoothed: waves so short are noise or hum
 SHIFT_DEPTHS = 0.25  # the standard deviation of shifts before they are known
 NOT_KNOWN = (
-    "How much the gain varies from pass to pass is not known, and no band holds it: no direction "
-    "was passed twice over a clear signal."
+    "The variation of the gain from pass to pass is not known, so the bands do not include it. It "
+    "needs two passes of one direction over a clear signal."
 )
 FAINT_SIGNAL = 10.0  # standard errors of a gain: a weaker signal says nothing of how it varies
 
@@ -67,7 +67,7 @@ class PassGains(NamedTuple):
         if not self.is_found:
             return "The gain is the same in all passes, as far as the noise shows."
         percent = f"{100 * spread.max():.2g} %"
-        return f"The gain varies by {percent} from pass to pass: the bands hold it."
+        return f"The gain varies by {percent} from pass to pass; the bands include this."
 
     @property
     def is_found(self) -> bool:

@@ -64,9 +64,9 @@ class AveragedPasses(NamedTuple):
         if not scatter > max(np.sqrt(chance), MUCH_SCATTER):
             return ()
         return (
-            f"Passes of one way differ by {scatter:.3g} times the noise: what differs is in "
-            "no band. The stage, the load or the surface does not repeat, or hum or drift is on "
-            "the signals (recording.mains_Hz, recording.drift).",
+            f"Passes of one direction differ by {scatter:.3g} times the noise. The bands do not "
+            "include this scatter. Check whether the stage, the load and the surface repeat, and "
+            "whether there is hum or drift (recording.mains_Hz, recording.drift).",
         )
 
 
@@ -220,8 +220,9 @@ class Averaging:
             stop = min(int(np.floor((middles[-1] - self._edges[0]) / cell + 1e-9)), n)
             refuse(
                 stop - start < LEAST_CELLS,
-                f"{self._name}: a pass is as the others of its direction only if it is moved by "
-                f"{shift:.4g} m, beyond their places: check the positions (a counter that wraps).",
+                f"{self._name}: a pass matches the others of its direction only when moved by "
+                f"{shift:.4g} m, more than a stage is off: check whether the positions' "
+                "counter wraps.",
             )
             elements, each, _ = rows.shape
             flat = rows.reshape(elements * each, -1)

@@ -254,8 +254,8 @@ def known_input(
     )
     refuse(
         not np.ptp(pressure) > 0,
-        "pressure_Pa is the same in all cells, to which a rate has no response: give an input with "
-        "a line, a step or a ridge.",
+        "pressure_Pa is uniform, which gives no rate signal: give an input with a "
+        "line, a step or a ridge.",
     )
     films = stated_effects(problem.sensor.elements, stated.elements)
     return KnownInput(problem, problem.sensor, problem.scan, pressure, float(friction), films)
@@ -273,8 +273,9 @@ def _reach(known: KnownInput) -> float:
         most = line.n * float(line.cell_m) / 2
     refuse(
         most < LEAST_REACH * depth,
-        f"The scan goes {most:.4g} m beyond the known input, less than {LEAST_REACH:g} depths of "
-        f"the film ({LEAST_REACH * depth:.4g} m): scan further, as the kernel is that long.",
+        f"The scan reaches {most:.4g} m beyond the known input, less than the "
+        f"kernel's {LEAST_REACH:g} film depths ({LEAST_REACH * depth:.4g} m): scan "
+        "further.",
     )
     return min(most, REACH * depth)
 

@@ -70,8 +70,9 @@ class MeasuredKernel:
             return self.of_residual()
         sign = "-" if self.friction < 0 else "+"
         return (
-            f"The known input was passed one way, which shows K_p {sign} {abs(self.friction):.3g} "
-            "K_q and neither alone: pass it both ways, or invert with that friction only.",
+            f"The known input was scanned in one direction, which determines only the sum K_p "
+            f"{sign} {abs(self.friction):.3g} K_q of the kernels. Scan it in both directions, or "
+            "invert with this friction only.",
             *self.of_residual(),
         )
 
@@ -80,10 +81,10 @@ class MeasuredKernel:
         if not is_excess(self.chi2_per_freedom, self.freedom, OVER_NOISE):
             return ()
         return (
-            f"The kernel leaves {np.sqrt(self.chi2_per_freedom):.2g} times the noise of the "
-            "signals over the known input, so that its bands are too narrow: the input is not as "
-            "stated, passes differ, or the noise is larger than stated, or so small that the far "
-            "field, which is the theory's, shows.",
+            f"The residual of the kernel is {np.sqrt(self.chi2_per_freedom):.2g} times the noise "
+            "of the signals over the known input, so its bands are too narrow. Check the known "
+            "input, the repeatability of the passes and the noise. At very low noise the far "
+            "field, which is that of the theory, may cause it.",
         )
 
     def sensor(self, stated: Sensor) -> Sensor:
@@ -95,7 +96,7 @@ class MeasuredKernel:
         count = len(self.value)
         refuse(
             len(stated.elements) != count,
-            f"The measured kernel is of {count} elements, and the sensor has "
+            f"The measured kernel has {count} elements, but the sensor has "
             f"{len(stated.elements)}: give the kernel of this sensor.",
         )
         films = stated.elements
@@ -232,7 +233,7 @@ def load_kernel(path: str | os.PathLike[str], key: str = KEY) -> MeasuredKernel:
     name = Path(path).name
     refuse(
         not _fits(columns),
-        f"{name}: the columns of the measured kernel do not fit each other: give {key} {WANTED}.",
+        f"{name}: the columns of the measured kernel do not match each other: give {key} {WANTED}.",
     )
     x, value, stderr, factors, far, far_factors, *rest = columns.values()
     depth, speed, friction, both, chi2, freedom = (float(each[0]) for each in rest)

@@ -14,8 +14,11 @@ SAME_FRICTION = 0.02  # by which mu may differ where a kernel is of one combinat
 
 
 class OperatorModel(eqx.Module):
-    """How a recording's operator is known: a sensor in place of the one that is stated, and what is
-    uncertain of it."""
+    """Base of operator models: the sensor that a recording is inverted by, in place of the one that
+    is stated, and the uncertainty of it.
+
+    `sensor` is to be defined.
+    """
 
     @abc.abstractmethod
     def sensor(self, stated: Sensor) -> Sensor:
@@ -66,7 +69,7 @@ class Measured(OperatorModel):
             return residual
         return (
             *residual,
-            f"The kernel was measured one way, as K_p + {mu:.3g} K_q, and the scan is inverted "
-            "at another friction, where its bands rest on the prior: measure it both ways, or give "
-            f"friction={mu:.3g}.",
+            f"The kernel was measured in one direction, as K_p + {mu:.3g} K_q, but the inversion "
+            "has another friction. Its bands therefore depend on the prior. Measure the kernel in "
+            f"both directions, or give friction={mu:.3g}.",
         )

@@ -137,17 +137,18 @@ class FeatureKernel:
         fit = self.calibration.fit
         if abs(value) < LEAST_FRICTION * error or not value:
             return (
-                f"The friction over the known feature is {value:.2g} ± {error:.2g}, which is not "
-                "told from zero: the kernel of q is not measured, but the prior's.",
+                f"The friction over the known feature is {value:.2g} ± {error:.2g}, consistent "
+                "with zero. The kernel of q is therefore that of the prior, not a measurement. Use "
+                "a feature with more friction.",
             )
         over = residual_over_noise(fit.known_chi2, fit.stats[FREEDOM])
         if not error or not over:
             return ()
         return (
-            f"The friction {value:.3g} is that of a fit of the theory, which leaves "
-            f"{np.sqrt(fit.known_chi2 or 0.0):.2g} times the noise, so that its error is larger "
-            "than stated, and the kernel of q is off by as much: give "
-            "fit.hold={base_friction: ...} where it is known.",
+            f"The friction {value:.3g} comes from a fit whose residual is "
+            f"{np.sqrt(fit.known_chi2 or 0.0):.2g} times the noise. Its error, and that of the "
+            "kernel of q, are larger than stated. If you know the friction, give "
+            "fit.hold={base_friction: ...}.",
         )
 
     def _of_rest(self) -> tuple[str, ...]:
@@ -155,9 +156,9 @@ class FeatureKernel:
         if rest < MOST_REST:
             return ()
         return (
-            "The fitted theory explains little of the kernel: the rest beside it is "
-            f"{rest:.2g} times its largest value. The known feature is not as fit.hold has it, its "
-            "place is wrong, or channels are mixed up.",
+            "The fitted theory explains little of the kernel: the remainder is "
+            f"{rest:.2g} times the theory's largest value. Check the feature in fit.hold, its "
+            "position and the order of the channels.",
         )
 
     @property
@@ -203,8 +204,8 @@ def measure_over_feature(
     )
     refuse(
         not place[1] < float(stated.depth_m),
-        f"{problem.name}: the known feature is not found in the signals, as its place is open by "
-        f"a depth of the film or more: check fit.hold, or give {PLACE} in it, too.",
+        f"{problem.name}: the signals do not show where the known feature is, to "
+        f"within a film depth: check fit.hold, or add {PLACE} to it.",
     )
     problem = with_fields(problem, friction=as_real(_sign(problem) * friction[0]))
     on = problem.to_grid()

@@ -56,8 +56,8 @@ class Physics:
             most = len(layers) if is_layer else len(sensor.elements)
             refuse(
                 not 1 <= number <= most,
-                f"kernel.parameters names {echo(name)}: {nearest(name, own)}of this sensor it can "
-                f"name {', '.join(own)}, angle_N_deg and offset_N_m.",
+                f"kernel.parameters names {echo(name)}: {nearest(name, own)}choose from "
+                f"{', '.join(own)}, angle_N_deg and offset_N_m.",
             )
 
     @property

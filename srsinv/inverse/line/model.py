@@ -12,6 +12,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from ...grid import Convolution, Line
 from ...known import by_numpy
+from ...quantities import quantity
 from ..estimate import COMPONENTS, Numbers
 
 # A gain at k = 0 below this fraction of the largest leaves a mean unobservable.
@@ -217,19 +218,30 @@ class LineModel(eqx.Module):
         """Origin of the estimate's mean for p and q, in words."""
         return {name: self._mean_of(c) for c, name in enumerate(COMPONENTS)}
 
+    @property
+    def mean_unobserved(self) -> tuple[str, ...]:
+        """The components whose mean the signal does not show, or hardly."""
+        is_observable = np.asarray(self.mean_is_observable)
+        return tuple(
+            name
+            for c, name in enumerate(COMPONENTS[: self.unknowns])
+            if self.background_Pa[c] is None
+            or (self.known_mean_Pa[c] is None and not is_observable[c])
+        )
+
     def _mean_of(self, c: int) -> str:
         if c >= self.unknowns:
             return f"follows from p by q = mu p with mu = {self.friction:.4g}"
         known, background = self.known_mean_Pa[c], self.background_Pa[c]
         if background is None:
-            return "unobserved: the estimate is the deviation from a background that is not known"
+            return "unobserved: the estimate is the deviation from an unknown background"
         if known is not None:
-            return f"known from outside: {float(known) + float(background):.6g} Pa"
+            return f"known: {quantity(float(known) + float(background), 'Pa', 4)}"
         if np.asarray(self.mean_is_observable)[c]:
             return "from the signal"
         if self.forward.is_circular:
-            return "unobserved: the signal is blind to it; the estimate is the deviation from it"
-        return "weakly observed: only what the window's ends show of it"
+            return "unobserved: the estimate is the deviation from it"
+        return "weakly observed: only the ends of the window depend on it"
 
 
 @by_numpy

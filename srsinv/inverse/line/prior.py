@@ -17,7 +17,11 @@ from ..estimate import Numbers
 
 
 class Prior(eqx.Module):
-    """A prior precision P of the traction, one spectrum for each component."""
+    """Base of Gaussian priors: a precision P [1/Pa^2] of the traction, one spectrum for each
+    component.
+
+    `root` and `apply` are to be defined.
+    """
 
     @abc.abstractmethod
     def root(self, line: Line) -> Float[Numbers, "c k"]:

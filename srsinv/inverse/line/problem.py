@@ -40,16 +40,16 @@ def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None
     is_observed = _checked_shapes((elements, line.n), line, data, noise, observed)
     refuse(
         friction is None and elements < 2,
-        "One element cannot tell p from q: give friction (q = mu p) or a second element.",
+        "One element cannot determine both p and q: give friction (q = mu p) or a second element.",
     )
     count = int(np.sum(np.any(is_observed, axis=0)))
-    refuse(count < 3, f"Only {count} samples are there: an inversion needs at least 3.")
+    refuse(count < 3, f"There are only {count} samples: give at least 3.")
     if not isinstance(data, Tracer):
         bad = is_observed & ~np.isfinite(np.asarray(data))
         refuse(
             bool(bad.any()),
-            f"The data hold {int(bad.sum())} samples that are nan or infinite: mark them as not "
-            "there in observed, or correct them.",
+            f"The data have {int(bad.sum())} samples that are nan or infinite: mark them "
+            "as missing in observed, or correct them.",
         )
     if not isinstance(noise, Tracer):
         _check_noise(np.asarray(noise))
@@ -62,8 +62,7 @@ def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None
     if not isinstance(forward.transfer, Tracer):
         refuse(
             not bool(np.any(np.asarray(forward.transfer))),
-            "The model's signal is zero for every traction (no speed, or no gain): there is "
-            "nothing to invert.",
+            "The model's signal is zero for every traction: give a speed and a gain other than 0.",
         )
 
 
@@ -144,7 +143,7 @@ def check_estimate(
     for name, value in stats.items():
         refuse(
             not (value is None or isinstance(value, str | Real)),
-            f"stats has {name} = {echo(value)}: give a number or a word, as float(...) makes one.",
+            f"stats has {name} = {echo(value)}: give a number or a word.",
         )
     given = {name: np.asarray(values) for name, values in parts.items() if values is not None}
     for name, values in given.items():
@@ -174,10 +173,11 @@ class ScannedCells(NamedTuple):
 
 
 class LineProblem(LineModel):
-    """Signals at the cells of a line, their linear model, and further known quantities.
+    """A problem on a line: signals at its cells, their linear model, and further known quantities.
 
-    The model is data = forward(r) + noise with r (c, n) the traction [Pa]: both components
-    ("p and q apart"), or p alone where `friction` says q = mu p.
+    `srsinv.simulate` makes one, and so does [`Problem.to_grid`][srsinv.Problem.to_grid]. The model
+    is data = forward(r) + noise with r (c, n) the traction [Pa]: both components ("p and q apart"),
+    or p alone where `friction` says q = mu p.
 
     - `data` (e, n): signal less its known offset and less the signal of the known means; zero where
       it is missing.
@@ -189,9 +189,9 @@ class LineProblem(LineModel):
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
     - `nuisance` (e, column, n): what else may be on each element's signal, of unknown sizes that
       are normal of variance one (see noise/nuisance.py). None: nothing.
-    - `known_mean_Pa`: for each component its mean over the window where it is known, else None.
-    - `background_Pa`: for each component a uniform traction that continues beyond the window of an
-      open line, which is unobservable; it is added to the estimate. None: not known.
+    - `known_mean_Pa` [Pa]: of each component its mean over the window, None where it is not known.
+    - `background_Pa` [Pa]: of each component a uniform traction that continues beyond the window of
+      an open line, which is unobservable; it is added to the estimate. None: not known.
     - `friction`: mu in q = mu p; None leaves p and q apart.
     - `zero_mean` (c,): whether only the deviation from the mean is solved for: where the mean is
       known, and where it is unobservable.
@@ -201,9 +201,10 @@ class LineProblem(LineModel):
       cells from the first to the last with a sample. None where only the operator is known.
     - `passes`: what averaging found, where the signals are means over passes.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
-    - `modulus_Pa`: the skin's Young's modulus, as a [`Problem`][] has it.
+    - `modulus_Pa` [Pa]: the skin's Young's modulus, as a [`Problem`][] has it.
+    - `signal_unit`: of `data`; "1" where only the operator is known.
     - `rig_sources`: the source of the error in each of these directions (rig/error.py).
-    - `rig_stretch_m`: how far off one standard deviation of the rig puts the sensor in each cell.
+    - `rig_stretch_m` [m]: how far one standard deviation of the rig moves the sensor in each cell.
     - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
       direction after those of another (see line/rig_bands.py). None: no rig.
     - `rig_rows` (k, j): the independent directions of the rig's error, as sums of the j changes.
@@ -235,6 +236,7 @@ class LineProblem(LineModel):
     rig_rows: Float[np.ndarray, "k j"] | None
     rig_sources: tuple[str, ...] = eqx.field(static=True)
     modulus_Pa: float | None = eqx.field(static=True)
+    signal_unit: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
 
     def __init__(
@@ -280,6 +282,7 @@ class LineProblem(LineModel):
             # With a dtype, without which each shape would be compiled.
             observed = None if np.all(observed) else jnp.asarray(observed, dtype=bool)
         self.observed, self.sensor, self.scan = observed, sensor, scan
+        self.signal_unit = "1" if sensor is None else sensor.amplifier.unit
         self.scanned = None if scan is None else _scanned(line.n, observed, scan)
         self.known_mean_Pa = _pair(known_mean_Pa)
         self.background_Pa = _pair(background_Pa)
@@ -350,11 +353,6 @@ class LineProblem(LineModel):
         return np.where(self.is_observed, signals, 0.0)
 
     @property
-    def own_line(self) -> Line:
-        """The line that the samples are the cells of."""
-        return self.line
-
-    @property
     def window(self) -> Window:
         """The stretch that the traction lies in."""
         start = float(self.line.start_m - self.line.cell_m / 2)
@@ -370,8 +368,8 @@ class LineProblem(LineModel):
         scanned, sensor = self.scanned, self.sensor
         if scanned is None or sensor is None:
             raise BadInput(
-                "The problem has an operator and no sensor, and features are fitted along a "
-                "sensor's motion: give sensor and scan."
+                "The problem has an operator but no sensor, which a feature fit needs: give "
+                "sensor and scan."
             )
         y = np.where(self.is_observed, np.asarray(self.data + self.mean_signal), np.nan)[
             :, scanned.cells
@@ -434,6 +432,8 @@ class LineProblem(LineModel):
             fitted=parts.fitted,
             whitened=parts.whitened,
             friction=self.friction,
+            mean_unobserved=self.mean_unobserved,
+            signal_unit=self.signal_unit,
             status=Status(status) if finite else Status.NOT_FINITE,
             warnings=(*self.warnings, *warnings, *over_noise, *beyond),
             stats=stats | squares,

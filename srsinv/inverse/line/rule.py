@@ -29,7 +29,10 @@ class Choice(eqx.Module):
 
 
 class Rule(eqx.Module):
-    """A rule for the choice of regularisation weights."""
+    """Base of rules: a choice of a method's regularisation weights.
+
+    `choose` and the rule's `name` are to be defined.
+    """
 
     name: ClassVar[str]
 
@@ -91,7 +94,11 @@ class GeneralisedCrossValidation(CriterionRule):
 
 
 class Evidence(CriterionRule):
-    """Maximise the likelihood of the data with the traction integrated out."""
+    """The rule of maximum evidence: weights under which the data are most likely, the traction
+    integrated out (MacKay 1992).
+
+    It takes the noise level as known, and fits every method that has weights.
+    """
 
     name: ClassVar[str] = "evidence"
 

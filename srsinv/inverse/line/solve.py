@@ -114,12 +114,12 @@ def choose_path(problem: LineProblem, path: str) -> str:
         path = "spectral" if whole else "direct" if size <= AUTO_LIMIT else "iterative"
     refuse(
         path == "spectral" and not whole,
-        "path=spectral needs a periodic line with no sample missing: use path=auto.",
+        "path=spectral needs grid.line=periodic without missing samples: give path=auto.",
     )
     refuse(
         path == "direct" and size > DIRECT_LIMIT,
-        f"path=direct would factor {size} unknowns, more than {DIRECT_LIMIT}: use wider cells or "
-        f"path=iterative.",
+        f"path=direct would factor {size} unknowns, more than {DIRECT_LIMIT}: give "
+        "wider cells or path=iterative.",
     )
     return path
 
@@ -263,6 +263,8 @@ def _estimate(
         averaging=solution.averaging,
         friction=problem.friction,
         rig_errors=moved,
+        mean_unobserved=problem.mean_unobserved,
+        signal_unit=problem.signal_unit,
         status=status,
         warnings=(*warnings[0], *_warnings(problem, answer, stats), *warnings[1]),
         stats=stats,

@@ -65,23 +65,21 @@ class CellNoise(NamedTuple):
             ratio = float(np.sqrt(np.mean(self.correlated**2) / np.mean(self.white**2)))
             shortest, longest = (1e3 * each for each in self.clear_m)
             words.append(
-                f"Noise that is correlated over {1e3 * self.length_m:.2g} mm was found, "
-                f"{ratio:.2g} times the white noise of a cell. The bands include it, and the "
-                f"signal is above it at waves from {shortest:.2g} to {longest:.2g} mm. "
-                f"{self._cause}"
+                f"The noise has a part that is correlated over {1e3 * self.length_m:.2g} mm, "
+                f"{ratio:.2g} times the white noise of a cell. The bands include it. The signal "
+                f"exceeds it at waves from {shortest:.2g} to {longest:.2g} mm. {self._cause}"
             )
         if self.walk.any():
             words.append(
-                "A drift is estimated jointly with the traction. What may be drift is not taken "
-                "for traction, whose long waves are uncertain. Scan back and forth to tell the two "
-                "apart."
+                "A drift is estimated jointly with the traction, so long waves of the traction are "
+                "uncertain. Scan back and forth to separate the two."
             )
         if self.trend.any():
             shape = "A constant or a slope" if self.degree <= STRAIGHT else "A smooth trend"
             words.append(
-                f"{shape} of up to {float(self.trend.max()):.2g} of the largest "
-                "sample is on the signal, which no traction makes. It is estimated jointly with "
-                "the traction, of which long waves are uncertain. If it is a drift, give "
+                f"{shape} of up to {float(self.trend.max()):.2g} of the largest sample is on the "
+                "signal, and no traction explains it. It is estimated jointly with the traction, "
+                "so long waves of the traction are uncertain. If it is a drift, give "
                 "recording.drift=auto."
             )
         return tuple(words)
@@ -89,10 +87,10 @@ class CellNoise(NamedTuple):
     @property
     def _cause(self) -> str:
         if self.causes:
-            return f"A misfit of the model explains it as well: {in_words(self.causes)}."
+            return f"An error of the model explains it as well: {in_words(self.causes)}."
         return (
-            "It may be a misfit of the model, which no single gain, depth, angle, offset, low-pass "
-            "or saturation explains."
+            "It may be an error of the model, but no single gain, depth, angle, offset, low-pass "
+            "or saturation explains it."
         )
 
 

@@ -118,17 +118,15 @@ def _listed(lines: Sequence[MainsLine], speed: float) -> str:
 
 def _hum_or_texture(lines: Sequence[MainsLine], speed: float) -> tuple[str, ...]:
     return (
-        f"The line at {_listed(lines, speed)} may be hum or a texture of that wavelength: the "
-        "answer takes it for a texture. If it is hum, give "
-        f"{_setting(lines)}; else pass at another speed, at which a texture's "
-        "frequency moves.",
+        f"The line at {_listed(lines, speed)} may be hum or a texture of that wavelength. The "
+        f"answer treats it as a texture. If it is hum, give {_setting(lines)}. To decide, scan at "
+        "another speed, which changes the frequency of a texture.",
     )
 
 
 def _ambiguous(lines: Sequence[MainsLine], speed: float) -> tuple[str, ...]:
     return (
-        f"The line at {_listed(lines, speed)} may be a texture of that wavelength, which the skin "
-        "passes on: as hum it is left out of the traction, and where it is both no band holds. "
-        "Leave it out of recording.mains_Hz, or pass at another speed, at which a texture's "
-        "frequency moves.",
+        f"The line at {_listed(lines, speed)} may be a texture of that wavelength. As hum it is "
+        "left out of the traction; if it is both, the bands are invalid. Remove it from "
+        "recording.mains_Hz, or scan at another speed, which changes the frequency of a texture.",
     )

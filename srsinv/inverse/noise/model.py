@@ -206,9 +206,8 @@ class SampleNoise(eqx.Module):
             return Independent(white, self.level_stderr)
         refuse(
             bool(missing.any()) or not is_steady(motion) or levels.size > 1 or self.has_drift,
-            f"{name}: coloured noise ({', '.join(['white', *self.causes])}) is known along x, for "
-            "a recording at constant speed without missing samples or drift, the same in all "
-            "elements: name white noise only.",
+            f"{name}: noise=[{','.join(['white', *self.causes])}] needs a constant speed, the same "
+            "noise in all elements, no drift and no missing samples: give noise=[white].",
         )
         speed = float(np.mean(motion.speed_m_per_s))
         line = Periodic(y.shape[-1], abs(speed) / motion.sample_rate_hz)

@@ -66,7 +66,7 @@ class Nuisance:
 
 class WithoutNuisance(NamedTuple):
     """A problem without its columns: their expected `signal` (e, n) is taken out of its data, with
-    so many degrees of freedom."""
+    the degrees of freedom that they take."""
 
     problem: LineProblem
     signal: Float[Any, "e n"]

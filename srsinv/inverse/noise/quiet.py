@@ -47,8 +47,9 @@ def quiet_noise(
     counts = np.isfinite(y).sum(axis=1)
     refuse(
         int(counts.min()) < FEWEST,
-        f"{recording.name}: {int(counts.min())} samples are quiet by recording.quiet_s, fewer than "
-        f"{FEWEST}: give longer stretches, as [start, end] in seconds from the first sample on.",
+        f"{recording.name}: recording.quiet_s selects {int(counts.min())} samples, "
+        f"fewer than {FEWEST}: give longer stretches, as [start, end] in seconds from "
+        "the first sample on.",
     )
     columns = np.zeros((len(y), 0, time_s.size))
     if lines:
@@ -57,8 +58,9 @@ def quiet_noise(
     each = [_levels(*own, time_s) for own in zip(y, columns, strict=True)]
     refuse(
         not all(own.white > 0 for own in each),
-        f"{recording.name}: a signal is constant where it is quiet by recording.quiet_s, and shows "
-        "no noise: give noise.white.rms=... in the signal's unit.",
+        f"{recording.name}: a signal is constant in the stretches of "
+        "recording.quiet_s: give noise.white.rms=... in the signal's unit, and leave "
+        "recording.quiet_s out.",
     )
     white, drift, times = (list(part) for part in zip(*each, strict=True))
     own = np.isfinite(y).sum(axis=1) / (1 + BESIDE_DRIFT * (np.array(drift) > 0))
@@ -76,9 +78,8 @@ def _quiet_samples(recording: Recording) -> Bool[np.ndarray, " sample"]:
     for start, end in pairs:
         refuse(
             not (-spacing < start and end < last + spacing),
-            f"{recording.name}: recording.quiet_s has a stretch from {start:g} s to {end:g} s, and "
-            f"the recording goes from 0 s to {last:.6g} s: give stretches within it, in seconds "
-            "from the first sample on.",
+            f"{recording.name}: recording.quiet_s has a stretch from {start:g} s to "
+            f"{end:g} s: give stretches within the recording, from 0 s to {last:.6g} s.",
         )
     return np.any([(start <= time_s) & (time_s <= end) for start, end in pairs], axis=0)
 

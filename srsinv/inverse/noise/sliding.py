@@ -1,8 +1,9 @@
 """Noise levels from a fit's residual: a white part and one correlated along the path.
 
 The correlated part, from sliding, has the covariance s^2 exp(-|dx|/l) along the motion
-(docs/physics.md, section 10). The levels are those of greatest restricted likelihood (Patterson and
-Thompson 1971), with white noise of its own in each element and the same sliding noise in all.
+(docs/explanation/physics/noise.md). The levels are those of greatest restricted likelihood
+(Patterson and Thompson 1971), with white noise of its own in each element and the same sliding
+noise in all.
 """
 
 import math

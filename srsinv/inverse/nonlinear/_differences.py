@@ -17,8 +17,9 @@ from ...errors import refuse
 from ...numerics import orthonormal_basis
 from ...status import Status
 from ..diagnostics import slope_by_differences
-from ._answer import Fit, Summary, terms_of
+from ._answer import Fit
 from ._search import Objective, Search, SearchEnd
+from ._summary import Summary, terms_of
 
 # Standard errors: as far from its minimum a search may stop, as the jumps are as large there.
 STOPPED_NEAR = 1.0

@@ -11,7 +11,7 @@ from jaxtyping import Array
 
 from ...errors import refuse
 from ..diagnostics import false_minimum
-from ._answer import Fit, Summary
+from ._answer import Fit
 from ._differences import with_differences
 from ._loss import Loss
 from ._parameters import Tree, on_host, parameters
@@ -20,6 +20,7 @@ from ._saddle import escape_saddle
 from ._search import Objective, Search, SearchEnd
 from ._solvers import Solver
 from ._starts import starting_points, starting_rows
+from ._summary import Summary
 
 AT_ONCE = 8  # data whose model is one call: more of them no longer share a processor's cache
 MAX_SEARCHES = 8  # number of best starts to search from
@@ -106,11 +107,12 @@ def fit_many(
     max_searches: int = MAX_SEARCHES,
     at_once: int = AT_ONCE,
 ) -> list[Fit]:
-    """[`fit`][] of the same model to many data, `ys` (batch, ...), `at_once` of them in one call of
-    the compiled model.
+    """Fit the same model to many data, `ys` (batch, ...): a [`Fit`][srsinv.Fit] of each.
 
-    `each`: values to start each of the data from, by name along the batch, in place of the initial
-    ones.
+    - `each`: values to start each of the data from, by name along the batch, in place of the
+      initial ones.
+    - `at_once`: how many of the data one call of the compiled model takes.
+    - Others as [`fit`][srsinv.fit] has them.
 
     The minima reached for some of the data are starts for the others. Where one of them explains
     data better than the minimum that their own start led to, they are searched again from there. A
@@ -123,7 +125,7 @@ def fit_many(
     refuse(ys.ndim < 2 or not len(ys), "fit_many takes data with a leading axis: (batch, ...).")
     refuse(
         noise is None and bool(priors),
-        "fit_many cannot weigh priors against noise that is not known: give noise, or use fit.",
+        "fit_many needs a known noise to weigh the priors: give noise, or use fit.",
     )
     objective, level_known = objective_of(model, unknowns, ys[0], noise, priors, "squares")
     observed = objective.whiten.observed(ys.shape[1:])

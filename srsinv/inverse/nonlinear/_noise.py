@@ -167,7 +167,7 @@ class WhitePlusOU(Whitener):
             refuse(not above, f"The noise's {name} is {value!r}: give a number above 0.")
         refuse(
             not bool((white > 0).all()),
-            "The white noise holds a level that is not above 0: give positive ones.",
+            "The white noise has a level that is not above 0: give positive ones.",
         )
         variance, length = (
             np.broadcast_to(np.ravel(each), len(white))
@@ -315,7 +315,7 @@ class Correlated(Whitener):
         least = POSITIVE * np.finfo(factor.dtype).eps * len(covariance) * variance
         refuse(
             bool(failed) or not bool(np.all(np.diagonal(factor) ** 2 > least)),
-            "The noise's covariance is not positive definite: add what is white.",
+            "The noise's covariance is not positive definite: add white noise to its diagonal.",
         )
         self.factor = as_real(factor)
 
@@ -349,7 +349,7 @@ def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
             raise BadInput(sentence) from error
         refuse(
             not bool((stderr > 0).all()),
-            "The noise holds a standard deviation that is not above 0: give positive ones, "
+            "The noise has a standard deviation that is not above 0: give positive ones, "
             "infinite for a sample to leave out.",
         )
         noise = Independent(on_host(stderr))

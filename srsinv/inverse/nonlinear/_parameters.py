@@ -167,12 +167,13 @@ def parameters(initial: Tree, bounds: Any, free: Any, linear: Collection[str]) -
         name = layout.names[i]
         refuse(
             not lower[i] < upper[i],
-            f"The bounds of {name} are [{lower[i]:g}, {upper[i]:g}]: give the lower one first, and "
-            "leave room between them (a parameter that is known is left out of free).",
+            f"The bounds of {name} are [{lower[i]:g}, {upper[i]:g}]: give the lower one "
+            "first, with room between them, or leave a known parameter out of free.",
         )
         refuse(
             i in layout.linear and bool(np.isfinite([lower[i], upper[i]]).any()),
-            f"{name} has bounds and is named in linear, where bounds cannot be kept: drop one.",
+            f"{name} has bounds but is named in linear, where bounds cannot be kept: "
+            "leave out one of both.",
         )
         refuse(
             i not in layout.linear and not lower[i] <= first[i] <= upper[i],

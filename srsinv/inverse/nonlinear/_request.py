@@ -34,8 +34,8 @@ def filled(data: np.ndarray, observed: np.ndarray) -> np.ndarray:
     bad = observed & ~np.isfinite(data)
     refuse(
         bool(bad.any()),
-        f"The data hold {int(bad.sum())} values that are nan or infinite: leave them out by an "
-        "infinite noise there, or correct them.",
+        f"The data have {int(bad.sum())} values that are nan or infinite: give them "
+        "infinite noise to leave them out, or correct them.",
     )
     return np.where(observed, data, 0.0)
 
@@ -58,7 +58,10 @@ def objective_of(
 ) -> tuple[Objective, bool]:
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
-    refuse(not whiten.count(data.shape), "All of the data are left out: there is nothing to fit.")
+    refuse(
+        not whiten.count(data.shape),
+        "All of the data are left out: give finite noise for at least one.",
+    )
     layout = unknowns.layout
     mean, weight = _priors(layout, priors)
     scale = 1.0 if noise is not None else data_unit(data, observed)
@@ -109,8 +112,8 @@ def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
     if not bool(_is_affine(objective, points[0])):
         refuse(
             True,
-            f"The model is not linear in {names}: leave out of linear what multiplies or bends "
-            "another of them.",
+            f"The model is not linear in {names}: remove from linear the parameters that "
+            "enter nonlinearly or multiply each other.",
         )
 
 

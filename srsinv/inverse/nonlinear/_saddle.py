@@ -4,8 +4,8 @@ import dataclasses
 
 import numpy as np
 
-from ._answer import rows_of, terms_of
 from ._search import Objective, Search, SearchEnd
+from ._summary import rows_of, terms_of
 from ._uncertainty import ROUNDING_FACTOR, spread
 
 ESCAPES = 3  # times that a search is begun again

@@ -38,7 +38,9 @@ class Minimum(eqx.Module):
 
 
 class Solver(eqx.Module):
-    """min |residual(z)|^2 over lower <= z <= upper, from z0; pure, for jit and vmap.
+    """Base of solvers: min |residual(z)|^2 over lower <= z <= upper, from z0.
+
+    A call is pure, for `jax.jit` and `jax.vmap`.
 
     `tolerance` [1] is relative, of the step and of the gradient; None takes 1e-10 in float64 and
     1e-5 in float32. `max_steps` bounds the iterations; where the residual's derivative jumps there

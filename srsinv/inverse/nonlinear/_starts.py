@@ -31,8 +31,8 @@ def starting_points(given: Any, unknowns: Parameters) -> Float[np.ndarray, "s m"
     open_ended = [layout.names[layout.free[j]] for j in searched if not bounded[j]]
     refuse(
         bool(open_ended),
-        f"starts={given} is spread over the bounds, but {', '.join(open_ended)} has none: give "
-        "both, or name the starts.",
+        f"starts={given} spreads over the bounds, but {', '.join(open_ended)} has "
+        "none: give bounds, or a mapping of starts.",
     )
     from scipy.stats import qmc
 

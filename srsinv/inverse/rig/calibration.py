@@ -5,11 +5,11 @@ friction mu. The signal of element e is then
 
     v_e(t) = g_e R_f u d/dx [(K_p + s mu K_q) * p](x(t) + o_e - x0),    s = sign(u),
 
-K_p and K_q the film's responses at its depth and angle (docs/physics.md, sections 2 to 4). The
-gains enter linearly and are solved out; x0, mu, the depth, and the angles and offsets of all
-elements but the first, which the others are measured from, are searched. Nothing of the rig changes
-the contact but for the feature's place: it is solved ahead of a fit, and again where that finds it.
-Where the feature lies is searched with a rig that is known roughly.
+K_p and K_q the film's responses at its depth and angle (docs/explanation/physics, stress to
+readout). The gains enter linearly and are solved out; x0, mu, the depth, and the angles and offsets
+of all elements but the first, which the others are measured from, are searched. Nothing of the rig
+changes the contact but for the feature's place: it is solved ahead of a fit, and again where that
+finds it. Where the feature lies is searched with a rig that is known roughly.
 """
 
 from collections.abc import Callable, Mapping
@@ -201,7 +201,7 @@ def calibrate(
     pressure = problem.nominal_pressure_Pa
     if feature.is_of_surface and pressure is None:
         raise BadInput(
-            "No nominal pressure is known, which the known surface is pressed on with: give "
+            "The nominal pressure on the surface is not known: give "
             "recording.nominal_pressure_Pa, the mean over the contact window."
         )
     problem = problem.aligned()
@@ -217,8 +217,8 @@ def calibrate(
     first = stated | _held_in_rig(stated, feature, held)
     refuse(
         "position_m" in held and not least - reach <= first["position_m"] <= most + reach,
-        f"fit.hold.position_m is {first['position_m']:.6g}: the scan goes from {least:.6g} m to "
-        f"{most:.6g} m.",
+        f"fit.hold.position_m is {first['position_m']:.6g}: give a position within "
+        f"the scan, from {least:.6g} m to {most:.6g} m.",
     )
     names = _free_names(first, feature, held, free)
     noise = residual_noise(problem, samples)

@@ -153,8 +153,8 @@ class RigError(SensorError):
         valid = bool(is_square and values.shape == (size,) and _is_covariance(covariance))
         refuse(
             not valid or len({*names}) < size,
-            f"{name}: the sidecar's rig_error is damaged, as its values and covariance are not "
-            f"those of {size} parameters: run experiment=calibrate again.",
+            f"{name}: the sidecar's rig_error is damaged, as its values and covariance do "
+            f"not match its {size} parameters: run experiment=calibrate again.",
         )
         stderr = np.sqrt(np.diag(covariance))
         for each, value, error in zip(names, values, stderr, strict=True):
@@ -162,15 +162,15 @@ class RigError(SensorError):
             number = int(of_element[of_element.lastindex or 1]) if of_element else 0
             refuse(
                 each != _DEPTH and not 1 <= number <= elements,
-                f"{name}: the sidecar's rig_error has {each!a}, and the recording {elements} "
-                "channels: give the sidecar of this rig.",
+                f"{name}: the sidecar's rig_error has {each!a}, but the recording has "
+                f"{elements} channels: give the sidecar of this rig.",
             )
             # A gain is divided by, and a depth changed by its error.
             wrong = value == 0 if each.startswith("gain_") else each == _DEPTH and value <= error
             refuse(
                 bool(wrong),
-                f"{name}: the sidecar's rig_error has {each} = {value:g} +- {error:g}, which no "
-                "calibration determines: run experiment=calibrate again.",
+                f"{name}: the sidecar's rig_error has {each} = {value:g} +- {error:g}, which "
+                "is not a calibration's result: run experiment=calibrate again.",
             )
         return cls(names, values, covariance)
 
@@ -349,9 +349,9 @@ def contradiction(
     worst = int(np.argmax(np.where(is_beyond, np.abs(off), 0.0)))
     named = _UNIT.sub("", sources[worst]).replace("_", " ")
     return (
-        f"The signals contradict what is stated of the rig: the {named} is found "
-        f"{abs(off[worst]):.2g} times its tolerance from it, so that this fact is wrong, or the "
-        "model: measure it, or state its tolerance (recording.tolerance).",
+        f"The signals contradict the stated {named}: the fit finds it {abs(off[worst]):.2g} times "
+        "its tolerance away. This fact or the model is wrong. Measure it, or state its tolerance "
+        "(recording.tolerance).",
     )
 
 

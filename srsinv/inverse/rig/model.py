@@ -59,12 +59,13 @@ class KnownTraction:
         absent = [name for name in (*names, *load) if name not in held]
         refuse(
             bool(absent),
-            f"{', '.join(absent)} of the feature is not held, and a gain cannot be told from what "
-            f"it is fitted with: give fit.hold={{{', '.join(f'{each}: ...' for each in absent)}}}.",
+            f"{', '.join(absent)} of the feature must be known, as the data do not "
+            "determine it beside the gain: give "
+            f"fit.hold={{{', '.join(f'{each}: ...' for each in absent)}}}.",
         )
         refuse(
             bool(getattr(feature, "is_semi_infinite", False) or feature.axes.keys() >= {"pitch_m"}),
-            f"{type(feature).__name__} has no place of its own within the scan: calibrate on a "
+            f"{type(feature).__name__} has no position within the scan: calibrate on a "
             "ridge, a step of a surface, a line load or a strip load.",
         )
         if place_m is not None:

@@ -133,12 +133,12 @@ def _check_size(recording: str, fact: StatedFact, size: float) -> None:
     most = LARGEST.get(fact.key, np.inf)
     refuse(
         size >= most,
-        f"{recording}: recording.tolerance.{fact.key} is {size:g}, and it has to be below "
-        f"{most:g}: give the standard uncertainty in the unit of the fact.",
+        f"{recording}: recording.tolerance.{fact.key} is {size:g}: give a standard "
+        f"uncertainty below {most:g}, in the unit of the fact.",
     )
     refuse(
         fact.key in ABOVE_0 and size >= MOST * fact.value,
-        f"{recording}: recording.tolerance.{fact.key} is {size:g}, and it has to be below 0.3 of "
-        f"the {fact.value:g} that is stated: give the standard uncertainty in the unit of the fact"
-        f"{', of gain and speed as a fraction' if fact.value == 1.0 else ''}.",
+        f"{recording}: recording.tolerance.{fact.key} is {size:g}: give a standard "
+        f"uncertainty below {MOST * fact.value:g}, "
+        f"{'as a fraction' if fact.value == 1.0 else 'in the unit of the fact'}.",
     )

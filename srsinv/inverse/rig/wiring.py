@@ -41,14 +41,14 @@ DEEP = 12.0  # k z beyond which the skin transmits nothing
 # covariance singular, and the evidence that of rounding.
 LEAST_NOISE = 1e-12
 DEAD = 4.0  # of the noise's power: twice its level, as that may be stated too low
-MOST_DIGITS = 12  # of a ratio of probabilities that is said; beyond, there is no doubt
+MOST_DIGITS = 12  # of a ratio of probabilities in a sentence; beyond, there is no doubt
 OF_WAVES = 0.01  # of the largest power of mains' waves: wavenumbers with more are left out
 Gain = Complex[np.ndarray, "e c k"]
 
 
 class ElementWiring(NamedTuple):
     """How the elements are wired: `films` (e,), the number of the film that each channel reads, the
-    `signs` (e,) it has, 0 of a dead one, and what is said of it."""
+    `signs` (e,) it has, 0 of a dead one, and a sentence about it."""
 
     films: tuple[int, ...]
     signs: tuple[float, ...]
@@ -121,9 +121,8 @@ def wiring_finding(
     tens = ratios[best] / np.log(10)
     times = f"more than 10^{MOST_DIGITS}" if is_certain else f"10^{tens:.0f}"
     return WiringFinding(
-        f"{fault.words} The signals are {times} times as probable "
-        "with that as with the elements as stated; if the wiring is right, then a gain, an angle "
-        "or a depth is not, or hum is on the signals.",
+        f"{fault.words} The signals are {times} times as probable with this fault as with the "
+        "stated elements. If the wiring is correct, check gains, angles and depths, and hum.",
         fault,
         is_certain,
     )
@@ -148,7 +147,7 @@ def _of_waves(problem: LineProblem) -> Bool[np.ndarray, " k"]:
 
 
 def _faults(names: Sequence[str], power: Float[np.ndarray, " e"]) -> Iterator[ElementWiring]:
-    """Each fault, and what is said of it. All elements turned are none turned; one whose signal's
+    """Each fault with its sentence. All elements turned are none turned; one whose signal's
     `power` (that of noise is 1) is above `DEAD` is not dead, whatever fits."""
     elements = len(names)
     every, plain = tuple(range(elements)), (1.0,) * elements
@@ -161,28 +160,28 @@ def _faults(names: Sequence[str], power: Float[np.ndarray, " e"]) -> Iterator[El
             yield ElementWiring(
                 every,
                 with_sign(e, -1.0),
-                f"{names[e]} seems to be of the other sign beside the others: turn its polarity, "
-                "or theirs, which turns p and q.",
+                f"{names[e]} seems to be of the other sign than the others. Change its polarity, "
+                "or that of all others, which changes the sign of p and q.",
             )
         if power[e] < DEAD:
             yield ElementWiring(
                 every,
                 with_sign(e, 0.0),
-                f"{names[e]} seems to be dead, with noise alone: leave it out of "
-                "recording.channels, and its element out of the sensor, or record it again.",
+                f"{names[e]} seems to be dead: it has noise alone. Remove it from "
+                "recording.channels and its element from the sensor, or record it again.",
             )
     for a, b in itertools.combinations(every, 2):
         yield ElementWiring(
             tuple({a: b, b: a}.get(own, own) for own in every),
             plain,
-            f"{names[a]} and {names[b]} seem to be exchanged: exchange them in recording.channels.",
+            f"{names[a]} and {names[b]} seem to be exchanged. Exchange them in recording.channels.",
         )
     for a, b in itertools.permutations(every, 2):
         yield ElementWiring(
             tuple(b if own == a else own for own in every),
             plain,
-            f"{names[a]} and {names[b]} seem to have the signal of {names[b]}'s element alone: "
-            "leave one out of recording.channels, and an element out of the sensor, or mend the "
+            f"{names[a]} and {names[b]} seem to record the same element, that of {names[b]}. "
+            "Remove one from recording.channels and an element from the sensor, or repair the "
             "wiring.",
         )
 

@@ -33,6 +33,7 @@ SUFFIXES: Mapping[str, str] = {
     ".tdms": "tdms.Tdms",
     ".parquet": "parquet.Parquet",
 }
+_SUCH_AS = "such as .csv, .npz or .hdf5"
 
 
 def reader_of(name: str) -> Reader:
@@ -48,28 +49,26 @@ class BySuffix(Reader):
     def check_path(self, path: Path) -> None:
         refuse(
             path.suffix.lower() not in SUFFIXES,
-            f"{quoted(path.name)}: a recording cannot be read from suffix {path.suffix!r}: save it "
-            f"in a format of {', '.join(SUFFIXES)}, or say which of them it holds by reader=...",
+            f"{quoted(path.name)}: a recording cannot be read from suffix {path.suffix!r}: give it "
+            f"the suffix of its format ({', '.join(SUFFIXES)}), or name that by reader=...",
         )
 
     def read(self, file: DataFile) -> Mapping[str, ArrayLike] | ColumnTable:
-        suffix = file.path.suffix.lower()
+        name, suffix = quoted(file.path.name), file.path.suffix.lower()
         try:
             return reader_of(SUFFIXES[suffix]).read(file)
         except (BadInput, MemoryError):
             raise
         except UnicodeDecodeError as error:
             raise BadInput(
-                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being no UTF-8 "
-                "text: save it as UTF-8, its signs of units too, or "
-                f"give it the suffix of what it holds ({', '.join(SUFFIXES)})."
+                f"{name}: the file cannot be read as {suffix}, as it is not UTF-8 text: save it as "
+                f"UTF-8, or give it the suffix of its format, {_SUCH_AS}."
             ) from error
         # On damaged bytes a library's parser raises arbitrary exceptions.
         except Exception as error:
             raise BadInput(
-                f"{quoted(file.path.name)}: the file cannot be read as {suffix}, being cut short "
-                "or of another format: write it again, or give it the suffix of what it holds "
-                f"({', '.join(SUFFIXES)})."
+                f"{name}: the file cannot be read as {suffix}, being cut short or of another "
+                f"format: write it again, or give it the suffix of its format, {_SUCH_AS}."
             ) from error
 
 

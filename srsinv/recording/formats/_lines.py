@@ -93,8 +93,8 @@ class Lines(Iterator[str]):
         """The refusal of the row that was begun last."""
         where = f"data row {self._rows}" if self._rows else "the header"
         return BadInput(
-            f"{self._name}: {where} is longer than {LONGEST_ROW} characters, or a cell of it half "
-            "as long: write a row for each sample, and close every quotation mark."
+            f"{self._name}: {where} exceeds {LONGEST_ROW} characters, or one of its cells "
+            "half of that: write a row for each sample, and close every quotation mark."
         )
 
     def _fill(self) -> None:

@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import h5py
 from h5py import h5pl, h5z  # pyright: ignore[reportAttributeAccessIssue]
 
-from srsinv.errors import BadInput, refuse
+from srsinv.errors import refuse
 
 from ...files import DataFile, is_broken, quoted
 from .._apart import IsolatedReader
@@ -125,8 +125,8 @@ def check_chunks(table: ColumnTable, name: str, dataset: h5py.Dataset) -> None:
         skipped, packed = dataset.id.read_direct_chunk(offset)
         refuse(
             _unpacked(skipped, packed, packing, most) > most,
-            f"{table.name}: column {quoted(name)} has chunks that may unpack to more than the "
-            f"{most} bytes that they state: write it again, in smaller chunks.",
+            f"{table.name}: column {quoted(name)} has chunks that may unpack to more than "
+            f"their {most} bytes: write it again, in smaller chunks.",
         )
 
 
@@ -240,13 +240,17 @@ def _group_of_columns(table: ColumnTable, file: h5py.File) -> h5py.Group:
         "one file.",
     )
     filled = [name for name, group in groups.items() if _has_dataset(group)]
-    if len(filled) != 1:
-        links = listing(name for name in _names(file) if _is_link(file, name))
-        raise BadInput(
-            f"{table.name}: columns are looked for at the root or in one group, but the groups "
-            f"that hold any are {listing(filled)}, links ({links}) not followed: keep one "
-            "recording in one file."
-        )
+    refuse(
+        len(filled) > 1,
+        f"{table.name}: there are columns in several groups, {listing(filled)}: keep one recording "
+        "in one file.",
+    )
+    links = listing(name for name in _names(file) if _is_link(file, name))
+    refuse(
+        not filled,
+        f"{table.name}: there is no column at the root or in a group of it, and links ({links}) "
+        "are not followed: keep one recording in one file, without links.",
+    )
     return groups[filled[0]]
 
 

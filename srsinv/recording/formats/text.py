@@ -134,9 +134,9 @@ def _refuse_thousands(table: ColumnTable, file: DataFile, heading: Heading) -> N
     text.detach()
     for index, name in at.items():
         raise BadInput(
-            f"{table.name}: column {quoted(name)} holds {cells.get(index, '')!r} among whole "
-            "numbers, which may be thousands or a decimal: write the numbers without a mark for "
-            "thousands, or all of them with their decimals."
+            f"{table.name}: column {quoted(name)} has {cells.get(index, '')!r} among "
+            "whole numbers, whose mark may separate thousands or decimals: write the "
+            "numbers without a mark for thousands."
         )
 
 

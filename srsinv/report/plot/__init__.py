@@ -1,10 +1,12 @@
 """The figures of pages, public as `srsinv.plot`: each takes the dataset of a result.
 
-They work on what a run leaves, `srsinv.plot.estimates(xarray.open_dataset("result.nc"))`, too.
+They work on what a run leaves, `srsinv.plot.estimates(xarray.open_dataset("result.nc"))`, too;
+`answer`, `estimates` and `fit` also on estimates and fits themselves.
 Components, methods and stresses have the same colours in all figures; truth is black. The same
 input gives the same picture. Figures of one experiment alone stand beside it, made of `Panel`s.
 """
 
+from .answer import answer as answer
 from .budget import budget as budget
 from .contact import contact as contact
 from .contact import feature_traction as feature_traction
@@ -21,6 +23,7 @@ from .panels import Mark as Mark
 from .panels import Panel as Panel
 from .panels import PanelAxis as PanelAxis
 from .panels import panels as panels
+from .passes import passes as passes
 from .quantiles import quantiles as quantiles
 from .scene import scene as scene
 from .signals import fit as fit

@@ -3,12 +3,14 @@
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from ..text import best_unit, without_unit
 from .style import GREY, PALETTE, TRUTH, WIDTH_IN, names_of, styled
 
 _ROW_IN, _MOST_ROWS = 0.24, 8
 _LEAST = 0.02  # of the standard error: shorter bars are left out
+_BEYOND = 1.12  # of the standard error: the end of the axis
 _IN_A_ROW = 2  # panels
 MIXED = "SI"  # each has a unit of its own
 
@@ -21,8 +23,12 @@ def budget(
     *,
     title: str = "",
 ) -> Figure:
-    """The parts (*of, source) of standard errors (*of), a panel for each with its largest parts
-    first, and the standard error itself as a line; `source_words` names the sources."""
+    """Draw the uncertainty budget: the parts of standard errors as bars, the largest source first.
+
+    - `name`: the variable of the parts (*of, source), in SI units; `source_words` (source) names
+      the sources.
+    - `stderr`: the variable of the standard errors (*of), each a line in a panel of its own.
+    """
     words = np.array(names_of(dataset["source_words"]))
     parts, whole = dataset[name], dataset[stderr]
     panels = [
@@ -45,6 +51,8 @@ def budget(
         colours = [GREY if source == "noise" else PALETTE[0] for source in words[order]]
         axes.barh(np.arange(len(order)), factor * own[order], color=colours, height=0.7)
         axes.axvline(factor * error, color=TRUTH, linewidth=0.9)
+        axes.set_xlim(0.0, _BEYOND * factor * error if error > 0 else None)
+        axes.xaxis.set_major_locator(MaxNLocator(5))
         axes.set_yticks(np.arange(len(order)), words[order])
         axes.invert_yaxis()
         axes.grid(visible=False, axis="y")

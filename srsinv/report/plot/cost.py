@@ -29,15 +29,16 @@ def cost(
     quantity: str = "",
     title: str = "",
 ) -> Figure:
-    """Error against time, one line for each family, from its smallest size to its largest, and the
-    front of what nothing else beats in both.
+    """Draw error against time of computing, with the front of cases that no other beats in both.
 
-    All arguments but the last two name variables of one dimension, the cases. `spread`: the lower
-    and the upper end of the time, drawn as bars. `failure`: the reason of a case that has failed,
-    "" of others: it is a cross, at the panel's top where it has no error, and at its right where it
-    has no time. Errors that are zero by definition, and unknown ones, are left out. The size is
-    written at both ends of a family's line; `quantity` is the label of the error, by default the
-    variable's name and unit.
+    - `error`, `time` [s], `family`, `size`: names of variables (case,). Each family is a line from
+      its smallest size to its largest, written at both ends.
+    - `spread`: names of the lower and the upper end of the time, drawn as bars.
+    - `failure`: name of the reason of a case that has failed, "" of others. Such a case is a cross,
+      at the panel's top where it has no error, and at its right where it has no time.
+    - `quantity`: label of the error, by default the variable's name and unit.
+
+    Errors that are zero by definition, and unknown ones, are left out.
     """
     figure = Figure(figsize=(WIDTH_IN, 4.8), layout="constrained")
     axes = figure.subplots()
@@ -52,7 +53,7 @@ def cost(
     for name, i in look.items():
         own = dataset.isel({dim: usable & (names == name)}).sortby(size)
         ends = None if spread is None else [unit.factor * own[each].values for each in spread]
-        labels = [_spoken(sized(each)) for each in own[size].values.tolist()]
+        labels = [sized(each) for each in own[size].values.tolist()]
         _family(axes, unit.factor * own[time].values, own[error].values, ends, labels, name, i)
     _front(axes, unit.factor * dataset[time].values[usable], values[usable])
     axes.set(xscale="log", yscale="log", xlabel=unit.label("time of a further call"))
@@ -63,7 +64,7 @@ def cost(
     for at in np.flatnonzero(failed):
         _cross(axes, times[at], values[at], PALETTE[look[names[at]] % len(PALETTE)])
     log_ticks(axes.xaxis, *axes.get_xlim())
-    axes.set_title("Lower left is better")
+    axes.set_title("Error against time: lower left is better")
     figure.suptitle(title)
     legend_below(figure, [axes], columns=4)
     return figure
@@ -119,7 +120,7 @@ def _family(
     style = "-" if index < len(PALETTE) else "--"
     marker = _MARKERS[index % len(_MARKERS)]
     look = {"linestyle": style, "marker": marker, "color": colour, "markersize": 6}
-    axes.plot(time, error, label=_spoken(family), **look)
+    axes.plot(time, error, label=family, **look)
     if ends is not None:
         axes.hlines(error, ends[0], ends[1], color=colour, linewidth=2.5, alpha=0.4)
     left, right = (0, -1) if time[0] < time[-1] else (-1, 0)
@@ -129,8 +130,3 @@ def _family(
             labels[end], (time[end], error[end]), offset, textcoords="offset points", ha=side,
             color=colour, fontsize=8,
         )  # fmt: skip
-
-
-def _spoken(number: str) -> str:
-    """Without the zero of an exponent: 1e-8."""
-    return number.replace("e-0", "e-")

@@ -32,11 +32,10 @@ def panel(
     title: str = "",
     marks: Sequence[Mark] = (),
 ) -> Panel:
-    """A panel of lines by their labels in the legend, each over its only dimension, for
-    [`panels`][srsinv.plot.panels].
+    """Make a panel of lines, each an array over its only dimension, for [`panels`][].
 
-    - `lines`: arrays (n,) with their coordinate, of one unit, and so are the coordinates; a line's
-      n is its own.
+    - `lines`: by their labels in the legend, arrays (n,) with their coordinate, of one unit, and so
+      are the coordinates; a line's n is its own.
     - `looks`: matplotlib's properties of lines, by their labels; `stderrs`: standard errors (n,),
       drawn as a band of 90 %; `bars`: the least and the greatest (n,) about a line.
     - `quantity`, `along`: the words on the axes, by default the first line's name and its
@@ -83,8 +82,9 @@ def curves(
     limits: Limits = (None, None),
     height_in: float = 2.2,
 ) -> Figure:
-    """Curves of variables over the coordinate `x`, by default their last dimension.
+    """Draw variables of a dataset as curves over a coordinate.
 
+    - `x`: the coordinate, by default the variables' last dimension.
     - `names`: one panel holds them all; they have the same units. Of a variable NAME that has a
       NAME_stderr beside it the band of 90 % is drawn.
     - `rows`: a dimension of which every label has a panel of its own; each label of the other
@@ -113,7 +113,8 @@ def _by(dataset: xarray.Dataset, rows: str | None) -> Iterator[tuple[str, xarray
         yield "", dataset
         return
     for i, label in enumerate(dataset[rows].values):
-        yield spoken(label), dataset.isel({rows: i})
+        named = f"Element {label}" if rows == "element" else spoken(label)
+        yield named, dataset.isel({rows: i})
 
 
 def _lines(

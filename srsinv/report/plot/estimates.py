@@ -3,12 +3,15 @@
 import itertools
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ...errors import refuse
 from ...numerics import BAND_90
+from ..answers import as_dataset
 from .panels import Curve, Mark, Panel, PanelAxis, panels, unobserved
 from .stages import QUANTITIES, X, method_curves, method_looks
 from .style import (
@@ -21,17 +24,43 @@ from .style import (
     units_of,
 )
 
+_COMPONENTS = 2  # p and q
 _TOGETHER = 2  # methods whose bands are legible over each other
+_MOST_REACH = 2.0  # of a band in view over the estimate's peak, where most of the band is narrower
 _OUT_OF_VIEW = 1.5  # times the estimates' range, beyond which peaks of the truth are cut off
 
 
-def estimates(dataset: xarray.Dataset, marks: Sequence[Mark] = (), title: str = "") -> Figure:
-    """p and q as each method recovers them, with 90 % bands, over the truth where it is known.
+def estimates(
+    given: Any, marks: Sequence[Mark] = (), title: str = "", *, truth: Any = None
+) -> Figure:
+    """Draw pressure p and shear q along x with their 90 % bands, over the truth if it is known.
+
+    - `given`: an estimate; estimates by name, which are drawn on the line of the first; or the
+      dataset of a result.
+    - `truth` (2, n) [Pa]: the true p and q on the line; None: `traction` of the dataset, if any.
+    - `marks`: lines and areas across the panels; `title`: of the figure.
 
     A component whose mean is not observable is drawn as its deviation from its own mean over the
     observed stretch, truth and estimates alike. More than two methods have a panel each.
-    `traction_resolved` is the truth at the estimate's resolution.
+    `traction_resolved` of a dataset is the truth at the estimate's resolution. Raises `BadInput`
+    for what cannot be drawn, and for a truth of another shape.
     """
+    parts = estimate_panels(with_truth(as_dataset(given), truth), marks)
+    return panels(parts, title, height_in=2.4 if len(parts) <= _COMPONENTS else 1.7)
+
+
+def with_truth(dataset: xarray.Dataset, truth: Any) -> xarray.Dataset:
+    """The dataset with the true p and q (2, n) [Pa], None where they are not given."""
+    if truth is None:
+        return dataset
+    shape = tuple(dataset.sizes[dim] for dim in ("component", "x"))
+    own = np.asarray(truth, float)
+    refuse(own.shape != shape, f"truth has the shape {own.shape}: give (component, cell) {shape}.")
+    return dataset.assign(traction=(("component", "x"), own, {"units": "Pa"}))
+
+
+def estimate_panels(dataset: xarray.Dataset, marks: Sequence[Mark] = ()) -> list[Panel]:
+    """The panels of [`estimates`][]."""
     if "estimator" not in dataset["estimate"].dims:
         own = ("estimate", "estimate_stderr")
         dataset = dataset.assign(
@@ -39,11 +68,10 @@ def estimates(dataset: xarray.Dataset, marks: Sequence[Mark] = (), title: str = 
         )
     methods = method_looks(names_of(dataset["estimator"]))
     each = [[name] for name in methods] if len(methods) > _TOGETHER else [list(methods)]
-    parts = [
+    return [
         _component(dataset, component, group, marks)
         for component, group in itertools.product(names_of(dataset["component"]), each)
     ]
-    return panels(parts, title, height_in=2.4 if len(each) == 1 else 1.7)
 
 
 def _component(
@@ -90,7 +118,10 @@ def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
     for method, value, reach in zip(methods, middle, half, strict=True):
         # A band may be huge where nothing was measured: it must not set the scale.
         in_view = observed if observed.any() else True
-        if not has_values(reach):  # a method of one's own may give none
+        narrow = observed & (np.nan_to_num(reach) <= _MOST_REACH * peak(value))
+        if 2 * narrow.sum() > observed.sum():  # not at the edges of a feature, where it is wide
+            in_view = narrow
+        if not has_values(reach):  # a method that a user wrote may give none
             yield Curve(value, method, look=looks[method], in_view=in_view)
             continue
         reach = np.nan_to_num(reach)
@@ -107,8 +138,12 @@ def _without_mean(curves: np.ndarray, observed: np.ndarray) -> np.ndarray:
 
 
 def averaging_kernel(dataset: xarray.Dataset) -> Figure:
-    """Averaging kernel of one point of the estimate: a row for each component estimated, a column
-    for each that contributes; only those that were solved for."""
+    """Draw the averaging kernel [1/m] of one point of the estimate over the distance along x.
+
+    A row for each component that is estimated, a column for each that contributes; only those that
+    were solved for. `dataset`: `averaging_kernel` (estimator, component_out, component_in, lag),
+    `kernel_width`, `element_depth` [m].
+    """
     kernels, components = dataset["averaging_kernel"].values, names_of(dataset["component"])
     solved = [c for c in range(kernels.shape[1]) if has_values(kernels[:, c, c])]
     methods = names_of(dataset["estimator"])

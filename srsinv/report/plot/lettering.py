@@ -6,16 +6,21 @@ formulae below are meant as such.
 
 import functools
 import re
+import textwrap
 from collections.abc import Iterator
 
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont, get_font
+from matplotlib.gridspec import SubplotSpec
 from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.ticker import FixedLocator, FuncFormatter
+
+from ..text import typeset
 
 SYMBOLS = {
     "mu": r"$\mu$",
@@ -36,7 +41,7 @@ def show_as_written(figure: Figure) -> None:
     """Show every text of the figure as given, cut short and without the characters that the font
     lacks; the formulae of this module stay formulae."""
     for text, longest in _texts(figure, _LONGEST_LINE):
-        words = _drawable(text.get_text(), longest)
+        words = _drawable(_in_lines(text.get_text(), longest), longest)
         has_formula = bool(_FORMULAE.search(words))
         text.set_parse_math(has_formula)
         text.set_text(_escaped(words) if has_formula else words)
@@ -50,7 +55,7 @@ def _texts(artist: Artist, longest: int) -> Iterator[tuple[Text, int]]:
     if isinstance(artist, Legend):
         longest = _LONGEST_LABEL
     elif isinstance(artist, Axes) and (place := artist.get_subplotspec()):
-        longest = _LONGEST_LINE // place.get_gridspec().ncols
+        longest = int(_LONGEST_LINE * _share_of_width(place))
     for child in artist.get_children():
         if isinstance(child, Text):
             yield child, longest
@@ -58,6 +63,12 @@ def _texts(artist: Artist, longest: int) -> Iterator[tuple[Text, int]]:
             yield child.label, longest
         else:
             yield from _texts(child, longest)
+
+
+def _share_of_width(place: SubplotSpec) -> float:
+    """The share of the figure's width that a panel has."""
+    ratios = np.asarray(place.get_gridspec().get_width_ratios(), float)
+    return float(ratios[place.colspan.start : place.colspan.stop].sum() / ratios.sum())
 
 
 def _letter_ticks(axis: Axis) -> None:
@@ -78,9 +89,18 @@ def _escaped(text: str) -> str:
     return "".join(part if i % 2 else _DOLLAR.sub(r"\\$", part) for i, part in enumerate(parts))
 
 
+def _in_lines(text: str, longest: int) -> str:
+    """A text of several words that is too long for a line, as two lines."""
+    if len(text) <= longest or "\n" in text or _FORMULAE.search(text):
+        return text
+    first, *rest = textwrap.wrap(text, longest, break_long_words=False, break_on_hyphens=False)
+    return "\n".join([first, " ".join(rest)]) if rest and len(first) <= longest else text
+
+
 def _drawable(text: str, longest: int) -> str:
-    """`text` in the font's characters, no line of it longer than `longest`."""
-    glyphs = _glyphs()
+    """`text` in the font's characters, no line of it longer than `longest`, powers and signs
+    typeset."""
+    glyphs, text = _glyphs(), typeset(text)
     return "\n".join(
         "".join(each if ord(each) in glyphs else _NO_GLYPH for each in line)
         if len(line) <= longest

@@ -13,7 +13,7 @@ _TALL = 4  # panels that each have the full width
 
 
 def in_columns(parts: Sequence[Panel]) -> list[list[Panel]]:
-    """Panels as a grid: a few below each other, many in two columns."""
+    """Arrange panels as a grid for [`panels`][]: a few in one column, many in two."""
     columns = 1 if len(parts) <= _TALL else 2
     return [list(parts[i : i + columns]) for i in range(0, len(parts), columns)]
 
@@ -21,9 +21,13 @@ def in_columns(parts: Sequence[Panel]) -> list[list[Panel]]:
 def extremes(
     x: Float[np.ndarray, " n"], y: Float[np.ndarray, " n"], most: int = MOST_POINTS
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-    """A curve as it is; of one longer than `most` the least and the greatest finite value in each
-    of many short stretches, NaN where a stretch has none. What is at most a stretch long is drawn
-    as high as it is."""
+    """Shorten a long curve to its extremes: peaks stay as high as they are.
+
+    - `x`, `y` (n,): the curve. `most`: points up to which it stays as it is.
+
+    Returns x and y (m,): the least and the greatest finite value in each of many short stretches,
+    NaN where a stretch has none.
+    """
     block = math.ceil(2 * y.size / most)
     if block <= 2:
         return x, y

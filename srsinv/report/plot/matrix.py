@@ -9,11 +9,12 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
-from ..text import spoken, without_unit
+from ..text import spoken, typeset, without_unit
 from .style import GREY, SHADE, WIDTH_IN, names_of, styled, symbol, units_of
 
 _CELL_IN, _LARGE_CELL_IN = 0.27, 0.5
 _MANY = 12  # rows, from which on they are low
+_FAINT = 0.005  # of the largest value of linear colours: less is written as 0
 _DARK = 0.55  # of the colours' range, from which on words are white
 
 
@@ -29,8 +30,9 @@ def matrix(
     is_log: bool = False,
     title: str = "",
 ) -> Figure:
-    """Values (row, column) of the variable `name`, a colour and a number in each cell; NaN is grey.
+    """Draw a matrix of values, a colour and a number in each cell; NaN is grey.
 
+    - `name`: the variable (row, column).
     - `words`: the name of a variable of the same dimensions with the text of each cell; by default
       the value, see [`compact`][].
     - `panels`: a third dimension, of which every label has a panel beside the others.
@@ -50,7 +52,8 @@ def matrix(
     grid = figure.subplots(1, shape[0], squeeze=False, sharey=True)[0]
     for p, axes in enumerate(grid):
         axes.imshow(array.values[p], norm=colours.norm, cmap=colours.cmap, aspect="auto")
-        _letter(axes, array.values[p], own[p], colours.norm, is_signed=low < 0 < high)
+        faint = 0.0 if is_log else _FAINT * max(abs(low), abs(high))
+        _letter(axes, array.values[p], own[p], colours.norm, faint, is_signed=low < 0 < high)
         axes.set_title("" if panels is None else spoken(dataset[panels].values[p]))
     _name(grid, dataset, array.dims[1:])
     text = label or f"{spoken(name)} [{units_of(array)}]"
@@ -60,20 +63,24 @@ def matrix(
 
 
 def compact(value: float) -> str:
-    """The value in four letters, so that it fits into a cell: 0.03, 1.2, 120, 1e5; a dash for what
+    """The value in four letters, so that it fits into a cell: 0.03, 1.2, 120, 10⁵; a dash for what
     is no number."""
     if not np.isfinite(value):
         return "–" if np.isnan(value) else str(value)
     size = abs(value)
     text = f"{value:.0f}" if 10 <= size < 1000 else f"{value:.{1 + (0.1 <= size < 10)}g}"
     text = f"{value:.0e}" if 0 < size < 1e-3 else text
-    return text.replace("e+0", "e").replace("e+", "e").replace("e-0", "e-")
+    return typeset(text).replace("\N{NO-BREAK SPACE}×\N{NO-BREAK SPACE}", "·")
 
 
-def _letter(axes, values: np.ndarray, words: np.ndarray | None, norm, is_signed: bool) -> None:
-    """In each cell its words, or else its value, white where the colour is dark."""
+def _letter(
+    axes, values: np.ndarray, words: np.ndarray | None, norm, faint: float, is_signed: bool
+) -> None:
+    """In each cell its words, or else its value, 0 up to `faint`, white where the colour is
+    dark."""
     size = 7.5 if len(values) > _MANY else 9
     for (row, column), value in np.ndenumerate(values):
+        value = 0.0 if abs(value) < faint else value
         text = compact(float(value)) if words is None else str(words[row, column])
         depth = abs(2 * norm(value) - 1) if is_signed else norm(value)
         is_dark = np.isfinite(value) and float(depth) > _DARK

@@ -5,6 +5,7 @@ that its numbers read well; curves of the same label have one look and one entry
 """
 
 import itertools
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,10 +15,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from ..text import typeset
 from .style import (
     GREY,
     SHADE,
     WIDTH_IN,
+    NotebookFigure,
     Scale,
     colours,
     has_values,
@@ -33,13 +36,18 @@ from .style import (
 LEAST_LOG = 1e-290  # matplotlib takes a log axis no further down than 1e-300
 _BAND = {"alpha": 0.22, "linewidth": 0}
 _MARGIN = 0.07  # of the range of the curves, above and below them
+_LETTER_IN = 0.078  # width of a letter of a label, and of its share of a margin
+_LABEL_LINES = 4  # of a label: more leave no room for the panel
 _FEW_TICKS = 2.0  # decades: below, a logarithmic axis has numbers at 1, 2 and 5
 
 
 @dataclass(frozen=True)
 class PanelAxis:
-    """One axis: the quantity and its SI unit; `limits` in SI units, either of them None for the
-    curves' own."""
+    """An axis of a panel: its quantity and SI unit.
+
+    - `is_log`: whether it is logarithmic.
+    - `limits`: least and greatest, in SI units, each None for the curves' own.
+    """
 
     quantity: str
     units: str = "1"
@@ -49,7 +57,7 @@ class PanelAxis:
 
 @dataclass(frozen=True)
 class Curve:
-    """Values `y` (n,) over the panel's x (n,), or over an `x` of its own.
+    """A curve of a panel: values `y` (n,) over the panel's x (n,), or over an `x` of its own.
 
     - `band`: least and greatest (n,) about it, drawn as an area, or as bars where `has_bars`.
     - `look`: matplotlib's properties of the line; its colour is chosen by the label where it is not
@@ -69,8 +77,12 @@ class Curve:
 
 @dataclass(frozen=True)
 class Mark:
-    """A line across the panel at a value of `axis`, "x" or "y"; an area where it ends elsewhere at
-    `until`."""
+    """A line across a panel at a value of an axis, or an area.
+
+    - `at`: the value, in SI units, on `axis`, "x" or "y".
+    - `until`: where an area ends; None: a line.
+    - `label`: in the legend; `look`: matplotlib's properties.
+    """
 
     at: float
     label: str = ""
@@ -81,7 +93,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """Curves and marks over `values` (n,) of the x axis."""
+    """A panel of a figure as data: curves and marks over `values` (n,) of the x axis.
+
+    All are in SI units; `x` and `y` say the axes' quantities and units.
+    """
 
     curves: Sequence[Curve]
     x: PanelAxis
@@ -104,15 +119,19 @@ def panels(
     widths: Sequence[float] | None = None,
     legend: str = "below",
 ) -> Figure:
-    """A figure of panels, in rows or in rows and columns.
+    """Draw panels as one figure, in rows or in rows and columns.
 
-    `heights` and `widths` are relative; `legend` is "below", one for all panels, "beside" for one
-    of each panel, or "" for none. Panels of a column that show the same quantity along x share it.
+    - `grid`: a list of [`Panel`][]s, or a list of such lists.
+    - `title`: of the figure. `height_in` [inch]: of a row.
+    - `heights`, `widths`: of the rows and the columns, relative.
+    - `legend`: "below", one for all panels; "beside", one for each; or "" for none.
+
+    Panels of a column that show the same quantity along x share it.
     """
     rows = [[row] if isinstance(row, Panel) else list(row) for row in grid]
     every = [panel for row in rows for panel in row]
     size = (WIDTH_IN, len(rows) * height_in + 0.4 + 0.5 * bool(title))
-    figure = Figure(figsize=size, layout="constrained")
+    figure = NotebookFigure(figsize=size, layout="constrained")
     is_shared = all(len({panel.x for panel in column}) == 1 for column in zip(*rows, strict=False))
     axes = figure.subplots(
         len(rows), max(map(len, rows)), squeeze=False, sharex="col" if is_shared else False,
@@ -131,6 +150,8 @@ def panels(
             _draw(place, panel, column, units, palette, is_lowest)
             if c and panel.y == beside[c - 1].y:
                 place.set_ylabel("")
+    for place in figure.axes:
+        _wrap_labels(place, size[1] - 0.9)
     if legend == "below":
         legend_below(figure, figure.axes)
     elif legend == "beside":
@@ -138,6 +159,27 @@ def panels(
             legend_beside(place)
     figure.suptitle(title)
     return figure
+
+
+def _wrap_labels(axes: Axes, high_in: float) -> None:
+    """Break the labels of axes that are longer than their panel; `high_in` is the height of all
+    panels together."""
+    spec = axes.get_subplotspec()
+    if spec is None:
+        return
+    grid = spec.get_gridspec()
+    for ratios, span, length_in, axis in (
+        (grid.get_height_ratios(), spec.rowspan, high_in, axes.yaxis),
+        (grid.get_width_ratios(), spec.colspan, WIDTH_IN - 0.5, axes.xaxis),
+    ):
+        sizes = np.asarray(ratios, float)
+        share = float(sizes[span.start : span.stop].sum() / sizes.sum())
+        label = axis.get_label_text()
+        if "$" not in label:  # a formula is one word
+            words = textwrap.wrap(label, max(int(share * length_in / _LETTER_IN), 10),
+                                  break_long_words=False, break_on_hyphens=False,
+                                  max_lines=_LABEL_LINES, placeholder=" …")  # fmt: skip
+            axis.set_label_text("\n".join(words))
 
 
 def unobserved(x: np.ndarray, observed: np.ndarray) -> list[Mark]:
@@ -276,5 +318,5 @@ def log_ticks(axis: Any, low: float, high: float) -> None:
     if not 0 < low < high or np.log10(high / low) > _FEW_TICKS:
         return
     axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: typeset(f"{value:g}")))
     axis.set_minor_formatter(NullFormatter())

@@ -32,10 +32,11 @@ _SIDE_IN, _ROW_IN, _PER_ROW = 1.95, 2.75, 3  # of the close-ups
 
 @styled
 def scene(dataset: xarray.Dataset) -> Figure:
-    """The finger's skin from the side: traction over the line, the sensor in it, and close up.
+    """Draw the finger's skin from the side: traction over the line, the sensor in it, and close up.
 
-    z points up, into the finger, as in docs/physics.md. Lengths along x and z have the same scale
-    in the section and in the close-ups; only the film is drawn thicker than it is.
+    z points up, into the finger, as in docs/explanation/physics/signs.md. Lengths along x and z
+    have the same scale in the section and in the close-ups; only the film is drawn thicker than it
+    is.
     """
     sensor = _Sensor.of(dataset)
     section_in = _section_height_in(dataset, sensor)

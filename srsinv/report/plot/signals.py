@@ -1,12 +1,15 @@
 """Measured signals, what is fitted to them, and the residual."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
+from ...errors import refuse
 from ...numerics import BAND_90
+from ..answers import as_dataset
 from .panels import Curve, Mark, Panel, PanelAxis, panels, unobserved
 from .stages import TIME, X, method_looks
 from .style import GREY, TRUTH, colours, names_of, peak, units_of
@@ -17,8 +20,13 @@ _LEAST_REACH = 4.0  # standard deviations of the noise that a residual's panel s
 _BINS = 33
 
 
-def signals(dataset: xarray.Dataset) -> Figure:
-    """Each element's signal, without noise where that is known, with the fit of each method."""
+def signals(given: Any) -> Figure:
+    """Draw each element's signal with the fit of each method, and without noise if it is known.
+
+    `given`: a fitted estimate, a fit, or the dataset of a result. Raises `BadInput` for what cannot
+    be drawn.
+    """
+    dataset = as_dataset(given)
     methods = _methods(dataset)
     parts = [
         _signal(dataset, e, name, methods) for e, name in enumerate(names_of(dataset["element"]))
@@ -26,19 +34,38 @@ def signals(dataset: xarray.Dataset) -> Figure:
     return panels(parts)
 
 
-def fit(dataset: xarray.Dataset) -> Figure:
-    """Each element's signal with the fit, and below it the residual over the noise."""
+def fit(given: Any, x: Any = None) -> Figure:
+    """Draw each element's signal with the fit, and below it the residual over the noise.
+
+    - `given`: a fit, a fitted estimate, or the dataset of a result.
+    - `x` (sample,): what the data are drawn over; None: position, time or number of the samples.
+
+    Raises `BadInput` for what cannot be drawn, and for an `x` of another length.
+    """
+    parts, heights = fit_panels(as_dataset(given), x)
+    return panels(parts, heights=heights, height_in=1.6)
+
+
+def fit_panels(dataset: xarray.Dataset, x: Any = None) -> tuple[list[Panel], list[float]]:
+    """The panels of [`fit`][] and their relative heights."""
+    if x is not None:
+        own, count = np.asarray(x, float), dataset["signal"].shape[-1]
+        refuse(own.shape != (count,), f"x has the shape {own.shape}: give one of {count} numbers.")
+        dataset = dataset.assign(along=(dataset["signal"].dims[-1:], own))
     elements, methods = names_of(dataset["element"]), _methods(dataset)
     parts = []
     for e, name in enumerate(elements):
         parts += [_signal(dataset, e, name, methods), *_residuals(dataset, e, name, methods)]
-    heights = [2.2, *[1.0] * len(methods)] * len(elements)
-    return panels(parts, heights=heights, height_in=1.6)
+    return parts, [2.2, *[1.0] * len(methods)] * len(elements)
 
 
-def residual(dataset: xarray.Dataset) -> Figure:
-    """Signal less fit, in standard deviations of the noise: white and normal where the noise limits
-    the fit."""
+def residual(given: Any) -> Figure:
+    """Draw the residual of each element in standard deviations of the noise, with its histogram.
+
+    It is white and normal where the noise limits the fit. `given`: a fitted estimate, a fit, or the
+    dataset of a result. Raises `BadInput` for what cannot be drawn.
+    """
+    dataset = as_dataset(given)
     methods = _methods(dataset)
     rows = [
         (trace, _histogram(trace))
@@ -55,9 +82,14 @@ def _methods(dataset: xarray.Dataset) -> dict[str, dict[str, str]]:
 
 
 def _along(dataset: xarray.Dataset) -> tuple[PanelAxis, np.ndarray]:
-    """Where the samples are: positions if the motion never turns back, else times."""
+    """Where the samples are: as it is given, positions if the motion never turns back, times, or
+    their numbers."""
+    if "along" in dataset:
+        return PanelAxis("x"), dataset["along"].values
     if "x" in dataset["signal"].dims:
         return X, dataset["x"].values
+    if "position" not in dataset:
+        return PanelAxis("sample"), np.arange(dataset["signal"].shape[-1])
     position = dataset["position"].values
     onwards = np.all(np.diff(position) > 0) or np.all(np.diff(position) < 0)
     return (X, position) if onwards else (TIME, dataset["time"].values)
@@ -69,7 +101,7 @@ def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]
     observed = np.isfinite(signal)
     if "observed" in dataset:
         observed = dataset["observed"].values[e].astype(bool)
-    curves = [Curve(signal, "recorded", look=_DATA)]
+    curves = [Curve(signal, "recorded" if name else "data", look=_DATA)]
     if "signal_noise_free" in dataset:
         look = {"color": TRUTH, "linewidth": 0.8}
         curves.append(Curve(dataset["signal_noise_free"].values[e], "without noise", look=look))
@@ -79,7 +111,8 @@ def _signal(dataset: xarray.Dataset, e: int, name: str, methods: dict[str, dict]
         label = method if method == "fitted" else f"fit, {method}"
         curves.append(Curve(values, label, look=look, in_view=observed))
     up = PanelAxis("signal", units_of(dataset["signal"]))
-    return Panel(curves, across, up, at, f"Element {name}", unobserved(at, observed))
+    title = f"Element {name}" if name else "Data and fit"
+    return Panel(curves, across, up, at, title, unobserved(at, observed))
 
 
 def _residuals(
@@ -95,8 +128,9 @@ def _residuals(
             Mark(sign * BAND_90, label, "y", look={"color": TRUTH, "linestyle": "--"})
             for sign, label in ((1, "90 % of normal noise is within"), (-1, ""))
         ]
-        up = PanelAxis("residual", "1", limits=(-reach, reach))
-        title, present = f"Residual of element {name}{own}", values[np.isfinite(values)]
+        up = PanelAxis("residual / noise", "1", limits=(-reach, reach))
+        of = f" of element {name}" if name else ""
+        title, present = f"Residual{of}{own}", values[np.isfinite(values)]
         if present.size:
             inside = 100 * np.mean(np.abs(present) < BAND_90)
             title = f"{title}: {inside:.1f} % within the dashed lines"

@@ -30,9 +30,11 @@ _GAIN = "gain |G|"
 
 
 def spectra(dataset: xarray.Dataset) -> Figure:
-    """Sensor gain; power of signal and noise; resolution of each method with its cut-off.
+    """Draw spectra over the wavenumber: sensor gain, power of signal and noise, and resolution.
 
-    k = 0 is not on a logarithmic axis; the mean is described with the estimates.
+    `dataset`: `sensor_gain` (element, component, wavenumber), `signal_power`, `noise_power`,
+    `resolution` and `cutoff` [rad/m] of each method. k = 0 is not on a logarithmic axis; the mean
+    is described with the estimates.
     """
     k = dataset["wavenumber"].values
     signal = {

@@ -1,5 +1,6 @@
 """Values over many draws, or of several answers: dots with their spread, beside their names."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -12,6 +13,8 @@ from .style import SHADE, TRUTH, WIDTH_IN, colours, legend_below, scale, styled,
 
 _MARKERS = ("o", "D", "s", "^", "v", "P", "X")
 _ROW_IN = 0.36
+_LABEL = 80  # characters below a panel that has the whole width
+_SHORT = {"snr": "SNR"}
 _APART = 0.22  # of a row, between two marks of one row
 
 
@@ -32,10 +35,10 @@ def spread(
     band_label: str = "chance",
     title: str = "",
 ) -> Figure:
-    """A panel for each heading in `names`, with the variables that it shows, over the labels of the
-    dimension `rows`. Without draws, the bars of a variable NAME that has a NAME_stderr beside it
-    are one standard error.
+    """Draw values with their spread over the labels of a dimension, a panel for each heading.
 
+    - `names`: the variables that a panel shows, by its heading; `rows`: the dimension. Without
+      draws, the bars of a variable NAME that has a NAME_stderr beside it are one standard error.
     - `draws`: the dimension of which the mean, the least and the greatest are drawn.
     - `over`: a further dimension of which every label has marks of its own.
     - `expected`: by heading a value that would be right, or one not to be exceeded,
@@ -56,7 +59,8 @@ def spread(
             look = {"color": TRUTH, "linestyle": "--", "linewidth": 0.9}
             axes.axvline(right[0], label=expected_label, **look)
         _marks(axes, dataset, shown, rows, draws, over, unit.factor, labels or {})
-        axes.set(title=heading, xlabel="" if unit.unit == "1" else f"[{unit.unit}]")
+        label = heading if unit.unit == "1" else unit.label(heading)
+        axes.set_xlabel(_wrapped(label, len(names)))
         drawn = [right[:1], *(unit.factor * dataset[name].values.ravel() for name in shown)]
         _ticks(axes, np.concatenate(drawn), heading in log)
         if ends := (limits or {}).get(heading):
@@ -69,7 +73,7 @@ def spread(
 def _grid(dataset: xarray.Dataset, rows: str, marks: int, panels: int) -> tuple[Figure, np.ndarray]:
     """A figure with panels side by side, and in each a row for each label, of so many marks."""
     entries = [spoken(each) for each in dataset[rows].values]
-    tall = _ROW_IN * len(entries) * max(1.0, 0.5 * marks) + 1.5
+    tall = max(_ROW_IN * len(entries) * max(1.0, 0.5 * marks) + 1.5, 2.4)
     figure = Figure(figsize=(WIDTH_IN, tall), layout="constrained")
     grid = figure.subplots(1, panels, squeeze=False, sharey=True)[0]
     for axes in grid:
@@ -77,8 +81,13 @@ def _grid(dataset: xarray.Dataset, rows: str, marks: int, panels: int) -> tuple[
         axes.set_ylim(len(entries) - 0.5, -0.5)
         axes.grid(axis="y", visible=False)
     if (unit := units_of(dataset[rows])) != "1":
-        grid[0].set_ylabel(f"{spoken(rows)} [{unit}]")
+        grid[0].set_ylabel(f"{_SHORT.get(rows, spoken(rows))} [{unit}]")
     return figure, grid
+
+
+def _wrapped(label: str, panels: int) -> str:
+    """A label in lines that fit below one of so many panels."""
+    return "\n".join(textwrap.wrap(label, max(_LABEL // panels, 12)))
 
 
 def _ticks(axes, values: np.ndarray, is_log: bool) -> None:

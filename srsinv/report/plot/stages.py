@@ -16,7 +16,10 @@ ACTIVE_FRACTION = 0.02  # of a signal's peak: below, the signal is not drawn
 
 
 def traction(dataset: xarray.Dataset) -> Figure:
-    """The true p and q on the skin, and the friction between them where it is known."""
+    """Draw the true p and q on the skin along x [Pa], and the friction where it is known.
+
+    `dataset`: `traction` (component, x) and, where it is known, `friction` (x).
+    """
     x, units = dataset["x"].values, units_of(dataset["traction"])
     signs = {"p": "Pressure, positive into the finger", "q": "Shear, positive along +x"}
     parts = [
@@ -33,7 +36,10 @@ def traction(dataset: xarray.Dataset) -> Figure:
 
 
 def stress(dataset: xarray.Dataset) -> Figure:
-    """Stress at the film, one panel for each depth: elements at the same depth have the same."""
+    """Draw the stress at the film along x [Pa], tension positive: one panel for each depth.
+
+    `dataset`: `stress` (element, stress_name, x), `element_depth` [m].
+    """
     depths, parts = dataset["element_depth"].values, []
     for depth in np.unique(depths):
         elements = np.flatnonzero(depths == depth)
@@ -49,7 +55,10 @@ def stress(dataset: xarray.Dataset) -> Figure:
 
 
 def record(dataset: xarray.Dataset) -> Figure:
-    """The recorded samples of every element, over the speed of sliding."""
+    """Draw the recorded samples of every element over time, and below them the speed of sliding.
+
+    `dataset`: `recorded_signal` (element, sample), `sample_time` [s], `sample_speed` [m/s].
+    """
     time_s, signals = dataset["sample_time"].values, dataset["recorded_signal"]
     lines = [
         Curve(values, name)
@@ -65,8 +74,7 @@ def record(dataset: xarray.Dataset) -> Figure:
 
 
 def with_and_without(dataset: xarray.Dataset, effect: str) -> Figure:
-    """For each element the signal with an effect and without, and beside them their difference,
-    over the interval with a signal.
+    """Draw the signal of each element with an effect and without, and their difference beside.
 
     `dataset`: `signal_with_EFFECT`, `signal_without_EFFECT` (element, time_EFFECT) and the
     coordinate `time_EFFECT` [s], for an effect has sample times of its own.
@@ -84,7 +92,13 @@ def with_and_without(dataset: xarray.Dataset, effect: str) -> Figure:
         rows.append(
             (
                 Panel(both, across, PanelAxis("signal", unit), time_s, f"Element {name}"),
-                Panel(change, across, PanelAxis("change", unit), time_s, "What the effect changes"),
+                Panel(
+                    change,
+                    across,
+                    PanelAxis("change", unit),
+                    time_s,
+                    "With less without the effect",
+                ),
             )
         )
     return panels(rows)

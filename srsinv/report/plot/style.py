@@ -1,6 +1,7 @@
 """Style of all figures: colours, scaled units, legends beside the curves."""
 
 import functools
+import io
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, ParamSpec
@@ -41,6 +42,7 @@ _NAMED = {
 LINE_STYLES = ("-", "--", ":", "-.")
 # Font sizes in points, not in words: words are looked up in the user's settings when saved.
 _POINTS = 10
+_HANDLE_IN, _LEGEND_LETTER_IN = 0.68, 0.076  # of a legend's entry: its line, and each letter
 _LOOK = {
     "font.size": _POINTS,
     "axes.labelsize": _POINTS,
@@ -64,6 +66,15 @@ _LOOK = {
 }
 
 _Inputs = ParamSpec("_Inputs")
+
+
+class NotebookFigure(Figure):
+    """A figure that a notebook shows, whether or not pyplot is imported there."""
+
+    def _repr_png_(self) -> bytes:
+        image = io.BytesIO()
+        self.savefig(image, format="png")
+        return image.getvalue()
 
 
 def styled(draw: Callable[_Inputs, Figure]) -> Callable[_Inputs, Figure]:
@@ -159,7 +170,7 @@ def grid_of_axes(
     rows: int, columns: int, height_in: float, **layout: Any
 ) -> tuple[Figure, np.ndarray]:
     """A figure of the common width with (rows, columns) axes, each row `height_in` high."""
-    figure = Figure(figsize=(WIDTH_IN, rows * height_in + 0.9), layout="constrained")
+    figure = NotebookFigure(figsize=(WIDTH_IN, rows * height_in + 0.9), layout="constrained")
     return figure, figure.subplots(rows, columns, squeeze=False, **layout)
 
 
@@ -182,8 +193,25 @@ def legend_below(figure: Figure, axes: Iterable[Axes], columns: int = 6) -> None
             entries.setdefault(label, handle)
     if entries:
         figure.legend(
-            list(entries.values()), list(entries), loc="outside lower center", ncols=columns
-        )
+            list(entries.values()), list(entries), loc="outside lower center",
+            ncols=_columns(list(entries), columns),
+        )  # fmt: skip
+
+
+def _columns(labels: list[str], most: int) -> int:
+    """The number of columns, `most` or fewer, in which a legend of these labels fits the
+    figure."""
+    for count in range(min(most, len(labels)), 1, -1):
+        rows, longer = divmod(len(labels), count)
+        sizes = [rows + (i < longer) for i in range(count)]
+        starts = np.cumsum([0, *sizes])
+        widths = [
+            max(len(label) for label in labels[at : at + size])
+            for at, size in zip(starts, sizes, strict=False)
+        ]
+        if sum(_HANDLE_IN + _LEGEND_LETTER_IN * width for width in widths) <= WIDTH_IN - 0.2:
+            return count
+    return 1
 
 
 def stretches(x_m: np.ndarray, mask: np.ndarray) -> list[tuple[float, float]]:

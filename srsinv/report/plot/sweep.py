@@ -6,7 +6,7 @@ import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
-from ..text import spoken, without_unit
+from ..text import in_words, spoken, suffix
 from .long import in_columns
 from .panels import Curve, Panel, PanelAxis, panels
 from .style import units_of
@@ -18,16 +18,16 @@ _DIM = "job"
 
 
 def sweep(dataset: xarray.Dataset, x: str, names: Sequence[str]) -> Figure:
-    """The metrics `names` of the jobs (job,) against the setting `x` (job,), one panel of each.
+    """Draw metrics of a sweep's jobs against a setting, a panel of each.
 
-    Jobs that agree in all other settings are one curve, with bars of one standard error where a
-    metric NAME has a NAME_stderr.
+    `names`: of the metrics (job,); `x`: of the setting (job,). Jobs that agree in all other
+    settings are one curve, with bars of one standard error where a metric NAME has a NAME_stderr.
     """
     at = dataset[x].values
     is_drawn = np.isfinite(at) & np.any([np.isfinite(dataset[name].values) for name in names], 0)
     dataset = dataset.isel({_DIM: is_drawn})
     groups = dict(_groups(dataset, x))
-    axis = PanelAxis(_words(x), units_of(dataset[x]), *_scale(dataset[x].values))
+    axis = PanelAxis(in_words(x), units_of(dataset[x]), *_scale(dataset[x].values))
     drawn = [_panel(dataset, x, str(name), groups, axis) for name in names]
     return panels(in_columns(drawn), height_in=2.4)
 
@@ -39,7 +39,7 @@ def _groups(dataset: xarray.Dataset, x: str) -> Iterator[tuple[str, np.ndarray]]
         for name, each in dataset.coords.items()
         if each.dims == (_DIM,) and name not in (_DIM, x)
     ]
-    words = [[f"{_words(name)} {_word(each)}" for each in dataset[name].values] for name in others]
+    words = [[_setting(dataset[name], each) for each in dataset[name].values] for name in others]
     jobs = zip(*words, strict=True) if words else [()] * dataset.sizes[_DIM]
     labels = np.array([", ".join(each) for each in jobs])
     distinct = list(dict.fromkeys(labels.tolist()))
@@ -68,7 +68,7 @@ def _panel(
         y = values[order]
         curves.append(Curve(y, label, x=at[order], band=band, look=look, has_bars=band is not None))
     return Panel(
-        curves, axis, PanelAxis(_words(name), units_of(dataset[name]), _is_log(values, "y")), at
+        curves, axis, PanelAxis(in_words(name), units_of(dataset[name]), _is_log(values, "y")), at
     )
 
 
@@ -84,13 +84,10 @@ def _scale(values: np.ndarray) -> tuple[bool, tuple[float | None, float | None]]
     return is_log, (low - _ROOM * (high - low), high + _ROOM * (high - low))
 
 
-def _words(name: str) -> str:
-    """The quantity that a setting or a metric is named after."""
-    return without_unit(name.rpartition(".")[2])
-
-
-def _word(value: object) -> str:
-    return spoken(float(value)) if isinstance(value, float) else str(value)
+def _setting(of: xarray.DataArray, value: object) -> str:
+    """A setting with its unit, in words."""
+    number = spoken(float(value)) if isinstance(value, float) else str(value)
+    return f"{in_words(str(of.name))} {number}{suffix(units_of(of))}"
 
 
 def _is_log(values: np.ndarray, axis: str) -> bool:

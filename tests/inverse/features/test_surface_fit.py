@@ -6,13 +6,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
+from srsinv import plot
 from srsinv.forward.amplifier import CurrentAmplifier
 from srsinv.forward.film import Film, StripAverage
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature, TapeFeature
+from srsinv.grid import Open
 from srsinv.inverse.features.fit import FeatureFitter
 from srsinv.inverse.features.model import FeatureModel, scan_extent
 from srsinv.inverse.features.search import Blocks, FeatureSearch
@@ -92,6 +95,18 @@ def in_noise(ridges, simulated):
 def test_a_ridge_is_found_from_nothing_and_from_a_bad_start(ridges, in_noise):
     signal, fit = in_noise
     assert_found(ridges, noisy(signal, 5), fit, RIDGE, 0.4)
+
+
+@pytest.mark.full
+def test_its_arrays_have_the_contact_on_the_line_of_the_fit_alone(in_noise):
+    _, made = in_noise
+    data = made.to_xarray()
+    assert all("units" in each.attrs for each in data.variables.values())
+    assert float(data["height"].max()) == pytest.approx(made.parameters["height_m"][0], rel=1e-2)
+    assert isinstance(plot.contact(data), Figure)
+    assert "gap" not in made.on(Open(64, 2e-4, -6e-3)).to_xarray()
+    assert len(made.plot().axes) == 2 + 2 * 2  # p, q, and each element's signal and residual
+    assert str(made).splitlines()[0] == f"It fitted; quality: {made.quality}."
 
 
 @pytest.mark.claim

@@ -195,7 +195,7 @@ def test_what_passes_differ_by_is_said():
     signal = signal + 0.3 * np.std(signal) * np.sin(3 * np.asarray(moved.time_s))
     line = Problem(sensed, moved, signal, rms, cell_m=CELL).to_grid()
     assert line.passes.scatter > 1.5
-    assert any(each.startswith("Passes of one way differ") for each in line.warnings)
+    assert any(each.startswith("Passes of one direction differ") for each in line.warnings)
 
 
 @pytest.mark.parametrize("spread", [0.0, 0.03, 0.1])

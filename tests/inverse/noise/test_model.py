@@ -131,12 +131,14 @@ def test_stretches_may_be_named_and_have_to_hold_samples():
         named = replace(recording, sidecar={"quiet_s": pairs})
         assert np.asarray(noise_of(named, 1e-3).white) == pytest.approx(1.0, rel=0.08)
     few = replace(recording, sidecar={"quiet_s": [0.1, 0.15]})
-    refused(lambda: noise_of(few, 1e-3), "51 samples are quiet", "longer stretches")
+    refused(lambda: noise_of(few, 1e-3), "selects 51 samples", "longer stretches")
     last, spacing = float(recording.time_s[-1]), 1 / RATE_HZ
     for pairs in ([0.0, 100.0], [-0.5, 0.5], [[0.1, 0.9], [0.9, last + 1.5 * spacing]]):
         beyond = replace(recording, sidecar={"quiet_s": pairs})
-        refused(lambda given=beyond: noise_of(given, 1e-3), "recording.quiet_s", "within it")
+        refused(
+            lambda given=beyond: noise_of(given, 1e-3), "recording.quiet_s", "within the recording"
+        )
     to_the_end = replace(recording, sidecar={"quiet_s": [0.0, last + 0.5 * spacing]})
     assert np.isfinite(noise_of(to_the_end, 1e-3).white).all()
     moving = standing(SEED(9), (1.0, 1.0), (0.0, 0.0), (np.inf, np.inf), still=0.0)
-    refused(lambda: noise_of(moving, 1e-3), "0 samples are quiet", "[start, end]")
+    refused(lambda: noise_of(moving, 1e-3), "selects 0 samples", "[start, end]")

@@ -185,7 +185,7 @@ def test_missing_samples_and_an_offset():
 
 
 REFUSED = {
-    "not held": ({"width_m": 2e-3}, None, "height_m of the feature is not held"),
+    "not held": ({"width_m": 2e-3}, None, "height_m of the feature must be known"),
     "unknown": (HELD | {"hight_m": 1.0}, None, "'hight_m'"),
     "without its unit": (HELD | {"height": 2e-5}, None, "nearest is height_m"),
     "free without its unit": (HELD, ["angle_2"], "nearest is angle_2_deg"),
@@ -205,7 +205,7 @@ def test_refused(case):
 
 def test_what_has_no_place_or_no_pressure_is_refused():
     signal = np.random.default_rng(0).normal(size=(2, 1000))
-    with pytest.raises(BadInput, match="StepFeature has no place"):
+    with pytest.raises(BadInput, match="StepFeature has no position"):
         calibrate(problem(signal), StepFeature(), {"pressure_Pa": 1e3})
     unknown = Problem(sensor(1.2e-3, 45.0, 0.0), motion(), signal, NOISE_V)
     with pytest.raises(BadInput, match=r"recording\.nominal_pressure_Pa"):

@@ -34,7 +34,7 @@ FAULTS = {
     "first and second seem to be exchanged": lambda data, _: data[::-1],
     "first seems to be dead": lambda data, noise: np.stack([noise[0], data[1]]),
     "second seems to be dead": lambda data, noise: np.stack([data[0], noise[1]]),
-    "seem to have the signal of first's element": lambda data, noise: data[:1] + 0 * noise,
+    "seem to record the same element": lambda data, noise: data[:1] + 0 * noise,
 }
 
 
@@ -63,7 +63,7 @@ def test_elements_wired_as_stated_are_not_warned_of(noise_fraction):
 
 
 def test_equal_elements_may_have_equal_signals():
-    assert finding(FAULTS["seem to have the signal of first's element"], films=SAME) is None
+    assert finding(FAULTS["seem to record the same element"], films=SAME) is None
 
 
 def test_one_element_has_no_other_to_be_held_against():
