@@ -97,6 +97,7 @@ def test_a_study_measures_what_is_missing_and_what_is_named(counted):
 def test_a_part_is_written_anew_and_nothing_else():
     text = "a\n<!-- rules: written -->\nold\n<!-- end of rules -->\nb\n"
     new = readme.renewed(text, ENV)
-    assert new.startswith("a\n<!-- rules: written -->\n\nWhere the noise level")
+    assert new.startswith("a\n<!-- rules: written -->\n\n")
+    assert "old" not in new
     assert new.endswith("\n\n<!-- end of rules -->\nb\n")
     assert readme.renewed(new, ENV) == new

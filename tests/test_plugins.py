@@ -17,7 +17,7 @@ from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 
 import srsinv.kinds
-from srsinv import parts
+from srsinv import config, parts
 from srsinv.__main__ import main
 from srsinv.command.launch import LaunchedTask
 from srsinv.errors import BadInput
@@ -30,14 +30,21 @@ from srsinv.forward.skin import HalfSpace
 from srsinv.grid import Periodic
 from srsinv.inverse.features import FeatureFit, FeatureFitter, FeatureModel
 from srsinv.inverse.gridding.cells import Window
+from srsinv.inverse.nonlinear import Optimistix
+from srsinv.jobs.monte_carlo import inversions
 from srsinv.namespaces import open_plugins
+from srsinv.report.data import key_of
 from srsinv.targets import KINDS, base_of, check, make
 from tests.jobs.run import ROOT
 from tests.tiers import quick
 
-# The examples of docs/extend.md: blocks whose first line is a file's name.
-GUIDE = (ROOT / "docs" / "extend.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", GUIDE, re.DOTALL)
+# The examples of docs/how_to/write_*.md: blocks whose first line is a file's name.
+GUIDES = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in sorted((ROOT / "docs" / "how_to").glob("write_*.md"))
+}
+BLOCK = re.compile(r"```(?:python|yaml)\n# (\S+)\n(.*?)```", re.DOTALL)
+BLOCKS = [block for text in GUIDES.values() for block in BLOCK.findall(text)]
 FILES = dict(BLOCKS) | {
     "plugins/numpy.py": "raise RuntimeError('this file was never named')\n",
     "plugins/broken.py": "import srsinv\nsrsinv.absent\n",
@@ -64,6 +71,9 @@ class Faulty(k.Method):
         raise SystemExit(self.code) if self.code else problem.absent
 """,
     "method/faulty.yaml": "# @package method.faulty\n_target_: plugins.faulty.Faulty\ncode: 0\n",
+    "plugins/tv.py": "from plugins.lasso import Lasso\n\n\nclass TV(Lasso):\n    pass\n",
+    "method/tv.yaml": "# @package method.tv\n_target_: plugins.tv.TV\nweight_per_Pa: 0.02\n",
+    "method/nameless.yaml": "_target_: plugins.tv.TV\nweight_per_Pa: 0.02\n",
     "rule/public.yaml": "_target_: srsinv.Tikhonov\n",
     "rule/deep.yaml": "_target_: plugins.blur.StripAverage.mean.system\n",
     "rule/library.yaml": "_target_: plugins.hum.jnp.linalg.norm\n",
@@ -188,9 +198,8 @@ def test_a_solver_of_ones_own_fits(folder):
 @pytest.mark.full
 def test_what_is_written_for_python_runs(folder):
     open_plugins(str(folder))
-    (program,) = re.findall(r"```python\n(import srsinv\n.*?)```", GUIDE, re.DOTALL)
     made = {}
-    exec(program, made)  # the guide's own text
+    exec(FILES["from_python.py"], made)  # the guide's own text
     assert made["estimate"].value.shape == (2, 128)
     assert made["estimate"].quality != "failed"
 
@@ -208,7 +217,7 @@ def test_a_load_profile_of_ones_own_is_in_a_scene(folder):
 @pytest.mark.full
 def test_a_section_of_ones_own_is_on_the_page(run):
     page = (run / "report.html").read_text()
-    assert page.index("What was assumed</h2>") < page.index("Gain</h2>")
+    assert page.index("Assumptions</h2>") < page.index("Gain</h2>")
     assert "The largest gain is" in page
     assert (run / "figures" / "gains.png").is_file()
     assert (run / "figures" / "residual_spectrum.png").is_file()
@@ -273,14 +282,14 @@ def test_nothing_of_the_folder_takes_the_place_of_a_library(run):
 
 REFUSED = {
     "quits": r"plugins/quits\.py cannot be run: SystemExit: 0",
-    "deep": r"'plugins\.blur\.StripAverage\.mean\.system', which is no class",
-    "library": r"'plugins\.hum\.jnp\.linalg\.norm', which is no class",
-    "noisy": r"rule\._target_ is 'plugins\.hum\.Hum', .* derives from srsinv\.kinds\.Rule",
-    "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Mend it",
-    "absent": r"'plugins\.absent\.Rule', which is no class of srsinv, .* plugins/\*\.py",
-    "unfinished": r"'plugins\.unfinished\.Mine', which leaves choose undefined",
-    "public": r"name one as srsinv\.inverse\.tikhonov\.Tikhonov",
-    "borrowed": r"'plugins\.blur\.StripAverage', which is no class",
+    "deep": r"'plugins\.blur\.StripAverage\.mean\.system', which is not a class",
+    "library": r"'plugins\.hum\.jnp\.linalg\.norm', which is not a class",
+    "noisy": r"rule\._target_ is 'plugins\.hum\.Hum', .* subclass of srsinv\.kinds\.Rule",
+    "broken": r"plugins/broken\.py cannot be run: AttributeError: .*absent.*Correct it",
+    "absent": r"'plugins\.absent\.Rule', which is not a class of srsinv, .* plugins/\*\.py",
+    "unfinished": r"'plugins\.unfinished\.Mine', which does not define choose",
+    "public": r"give srsinv\.inverse\.tikhonov\.Tikhonov",
+    "borrowed": r"'plugins\.blur\.StripAverage', which is not a class",
 }
 
 
@@ -298,8 +307,55 @@ def test_what_cannot_stand_there_is_refused(rule, folder, tmp_path, capsys):
 def test_what_a_plugin_raises_is_said_with_its_place(code, fault, folder, tmp_path, capsys):
     named = (*SMALL[:-1], "method=[faulty]", f"method.faulty.code={code}")
     assert main(["--config-dir", str(folder), *named, f"hydra.run.dir={tmp_path}/r"]) == 2
-    assert f"plugins/faulty.py ends in {fault} at line 8" in capsys.readouterr().err
+    assert f"plugins/faulty.py raises {fault} at line 8" in capsys.readouterr().err
     assert not (tmp_path / "r").exists()
+
+
+TV = {"_target_": "plugins.tv.TV", "weight_per_Pa": 0.02}
+# Names of methods and their labels: as a class is written, where a name begins with the class's.
+LABELS = {
+    "tv": "TV",
+    "tv_strong": "TV strong",
+    "strong": "Strong",
+    "weak_TV": "Weak TV",
+    "tvs": "Tvs",
+}
+
+
+def test_a_method_has_the_label_of_its_name_and_class(folder):
+    open_plugins(str(folder))
+    methods = config.methods({"method": dict.fromkeys(LABELS, TV)})
+    assert list(methods) == list(LABELS.values())
+    assert {key_of(label) for label in methods} == {name.lower() for name in LABELS}
+
+
+def test_two_methods_of_one_label_are_refused(folder):
+    open_plugins(str(folder))
+    with pytest.raises(BadInput, match="Two methods have the label 'TV'"):
+        config.methods({"method": {"tv": TV, "TV": TV}})
+    fit = config.methods({"method": {"feature_fit": TV, "tv": TV}})
+    with pytest.raises(BadInput, match="'Feature fit', which the fit of features has"):
+        inversions(fit, {}, Optimistix())
+
+
+@pytest.mark.parametrize("group", config.NAMED)
+def test_an_option_without_a_name_is_refused(group):
+    with pytest.raises(BadInput, match=f"# @package {group}.NAME"):
+        config.part({group: TV}, group)
+
+
+@pytest.mark.full
+def test_two_configurations_of_a_method_keep_their_labels(folder, tmp_path, capsys):
+    own = ["--config-dir", str(folder), *SMALL[:-1], f"hydra.run.dir={tmp_path}/r"]
+    assert main([*own, "method=[tv]", "+method@method.tv_strong=tv"]) == 0
+    with xarray.open_dataset(tmp_path / "r" / "result.nc") as data:
+        assert data["estimator"].values.tolist() == ["TV", "TV strong"]
+    metrics = json.loads((tmp_path / "r" / "metrics.json").read_text())
+    assert {"error_p_tv", "error_p_tv_strong"} <= metrics.keys()
+    assert "TV strong" in (tmp_path / "r" / "report.html").read_text()
+    capsys.readouterr()
+    assert main([*own[:-1], "method=[nameless]", f"hydra.run.dir={tmp_path}/s"]) == 2
+    assert "# @package method.NAME" in capsys.readouterr().err
 
 
 def test_without_the_folder_a_plugin_is_no_class(folder):
@@ -307,17 +363,30 @@ def test_without_the_folder_a_plugin_is_no_class(folder):
     open_plugins(str(folder))
     assert type(make(node, "noise.hum", "noise")).__module__ == "plugins.hum"
     open_plugins(None)
-    with pytest.raises(BadInput, match="which is no class of srsinv"):
+    with pytest.raises(BadInput, match="which is not a class of srsinv"):
         check(node, "noise.hum", "noise")
 
 
+def sections_with_classes():
+    """The sections of the guides that hold a class, as links to them lead there."""
+    for page, text in GUIDES.items():
+        for section in re.split(r"^## ", text, flags=re.MULTILINE)[1:]:
+            if "# plugins/" in section:
+                heading = section.split("\n")[0].lower()
+                yield f"{page}#{re.sub(r'[^a-z0-9_ -]', '', heading).replace(' ', '-')}"
+
+
 def test_the_table_of_kinds_names_groups_and_bases():
-    rows = re.findall(r"^\| \[.*\]\(#.*\) \| (.*) \| (.*) \| .* \|$", GUIDE, re.MULTILINE)
-    groups = [group.strip("`") for group, _ in rows if group.startswith("`")]
-    bases = re.findall(r"`(\w+)`", " ".join(names for _, names in rows))
+    table = GUIDES["write_other_parts.md"]
+    row = r"^\| \[.*\]\((\S*#\S+)\) \| (.*) \| (.*) \| .* \|$"
+    rows = re.findall(row, table, re.MULTILINE)
+    groups = [group.strip("`") for _, group, _ in rows if group.startswith("`")]
+    bases = re.findall(r"`(\w+)`", " ".join(names for *_, names in rows))
     assert all((ROOT / "configs" / group).is_dir() for group in groups)
     assert set(bases) <= set(srsinv.kinds.__all__)
-    assert len(rows) == len(re.findall(r"^## ", GUIDE, re.MULTILINE))
+    links = [re.sub("^#", "write_other_parts.md#", link) for link, *_ in rows]
+    sections = list(sections_with_classes())
+    assert sorted(set(links)) == sorted(sections)
 
 
 @pytest.mark.parametrize("name", srsinv.kinds.__all__)

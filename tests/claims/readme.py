@@ -23,13 +23,7 @@ from tests.claims.study import RESULTS, read
 
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATES = Path(__file__).with_suffix("")
-PAGES = [
-    ROOT / "README.md",
-    *(
-        ROOT / "docs" / f"{name}.md"
-        for name in ("results", "effects", "python", "recordings", "hard_cases")
-    ),
-]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 PART = re.compile(r"(<!-- (\w+): [^>]*-->\n).*?(<!-- end of \2 -->)", re.DOTALL)
 Metrics = Mapping[str, Any]
 SCALES = {"1": 1.0, "%": 100.0, "nm": 1e9, "um": 1e6, "uV": 1e6, "mm": 1e3, "ms": 1e3, "pC/N": 1e12}

@@ -1,0 +1,1 @@
+"""What makes the documentation site: outputs of pages, generated reference, gallery, formulas."""
