@@ -66,7 +66,8 @@ def execute(page: Path, folder: Path) -> None:
     )
     printed = ""
     with client.setup_kernel():
-        client.execute_cell(nbformat.v4.new_code_cell(PLAIN), 0, store_history=False)
+        notebook.cells.append(nbformat.v4.new_code_cell(PLAIN))
+        client.execute_cell(notebook.cells[0], 0, store_history=False)
         for language, code in blocks(text):
             if language == "output":
                 if printed.strip() != code.strip():

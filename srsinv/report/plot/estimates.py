@@ -64,7 +64,7 @@ def estimate_panels(dataset: xarray.Dataset, marks: Sequence[Mark] = ()) -> list
     if "estimator" not in dataset["estimate"].dims:
         own = ("estimate", "estimate_stderr")
         dataset = dataset.assign(
-            {name: dataset[name].expand_dims(estimator=["recovered"]) for name in own}
+            {name: dataset[name].expand_dims(estimator=["estimate"]) for name in own}
         )
     methods = method_looks(names_of(dataset["estimator"]))
     each = [[name] for name in methods] if len(methods) > _TOGETHER else [list(methods)]
