@@ -21,6 +21,7 @@ from .keys import Key, own_keys, read_groups, undocumented
 
 LOGGER = logging.getLogger(__name__)
 CONFIGS = Path(__file__).parents[2] / "configs"
+TEXTS = {"quality", "path", "status", "warnings", "cause", "undetermined"}  # metrics that are words
 LINK = re.compile(r"\[`([^`\]]+)`\]\[([^\]]*)\]")
 PUBLIC = {
     **{name: f"srsinv.{name}" for name in dir(srsinv)},
@@ -231,9 +232,16 @@ def metrics(runs: Iterable[Card]) -> str:
         "component (`p`, `q`), a method or a parameter. Units are SI.",
     ]
     for run in runs:
-        rows = [f"| `{name}` | {unit} |" for name, unit in run.metrics]
+        rows = [f"| `{name}` | {_unit_of_metric(name, unit)} |" for name, unit in run.metrics]
         parts += [f"## {run.name}", "\n".join(["| metric | unit |", "|---|---|", *rows])]
     return _page(parts)
+
+
+def _unit_of_metric(name: str, unit: str) -> str:
+    """The unit of a metric, also of those that are words or have it within their name."""
+    if name.split("_")[0] in TEXTS:
+        return "text"
+    return "Pa" if unit == "1" and "_Pa_" in name else unit
 
 
 def gallery(runs: Iterable[Card]) -> str:

@@ -214,7 +214,8 @@ def _title(plan: Plan, asked: Asked) -> str:
     if budget_s is not None and outcome.seconds > budget_s:
         budget = in_words(budget_s, "s")
         return f"The budget of {budget} is exceeded: {what} takes {seconds} for {predicted}"
-    return f"{what[0].upper()}{what[1:]}: a numerical error of {predicted} in {seconds}"
+    what = what if what[1] == " " else what[0].upper() + what[1:]  # p and q are symbols
+    return f"{what}: a numerical error of {predicted} in {seconds}"
 
 
 def tradeoff(ds: xarray.Dataset) -> Figure:
