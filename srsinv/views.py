@@ -75,9 +75,11 @@ class Views:
         return dataset(every, coordinates, title=title, **attributes)
 
     def to_dataframe(self) -> "pandas.DataFrame":
-        """The parameters as a table: name, value, stderr, low and high (the ends of the 90 %
-        interval) and unit, in SI units. Of an answer without parameters p and q along x: x_m, p_Pa,
-        p_stderr_Pa, q_Pa, q_stderr_Pa.
+        """The answer as a table, in SI units.
+
+        With parameters, a row for each: name, value, stderr, low and high (the ends of the 90 %
+        interval) and unit. Without, a row for each cell: x_m, p_Pa, p_stderr_Pa, q_Pa,
+        q_stderr_Pa.
 
         Raises `BadInput` where pandas is not installed.
         """

@@ -22,6 +22,9 @@ from .keys import Key, own_keys, read_groups, undocumented
 LOGGER = logging.getLogger(__name__)
 CONFIGS = Path(__file__).parents[2] / "configs"
 TEXTS = {"quality", "path", "status", "warnings", "cause", "undetermined"}  # metrics that are words
+UNITS_WITHIN = {each: each for each in ("m", "s", "Pa", "V", "Hz", "dB", "rad", "bytes")} | {
+    "deg": "°"
+}
 LINK = re.compile(r"\[`([^`\]]+)`\]\[([^\]]*)\]")
 PUBLIC = {
     **{name: f"srsinv.{name}" for name in dir(srsinv)},
@@ -239,9 +242,13 @@ def metrics(runs: Iterable[Card]) -> str:
 
 def _unit_of_metric(name: str, unit: str) -> str:
     """The unit of a metric, also of those that are words or have it within their name."""
-    if name.split("_")[0] in TEXTS:
+    words = name.split("_")
+    if words[0] in TEXTS:
         return "text"
-    return "Pa" if unit == "1" and "_Pa_" in name else unit
+    if "per" in words:
+        return "1/Pa²" if "Pa2" in words else unit
+    within = [UNITS_WITHIN[word] for word in words[1:] if word in UNITS_WITHIN]
+    return within[-1] if unit == "1" and within else unit
 
 
 def gallery(runs: Iterable[Card]) -> str:

@@ -70,7 +70,7 @@ def load(
     """Load a recording from a file, with the facts of its sidecar.
 
     - `path`: text (.csv, .txt, .tsv), NPZ, HDF5 (.h5, .hdf5), netCDF (.nc), MATLAB 5 or 7.3 (.mat)
-      or WAV; TDMS, Parquet or FLAC with `pip install srsinv[tdms]`, `[parquet]` or `[flac]`.
+      or WAV; TDMS, Parquet or FLAC with the extra `tdms`, `parquet` or `flac` installed.
     - `reader`: a `srsinv.kinds.Reader`, for a format of your own; by default the one of the
       suffix.
     - `sidecar`: path of a JSON or YAML mapping of further facts. None: NAME.json, NAME.yaml or

@@ -165,9 +165,12 @@ class LineModel(eqx.Module):
 
     @property
     def mean_weights(self) -> Float[Numbers, "c n"]:
-        """The weights of each unknown's mean over the sampled cells where its error is no error of
-        the answer, on an open line: where that mean is weakly observed, and would mask all others,
-        and where the background is not known that the traction is a deviation from. Else zero."""
+        """The weights of each unknown's mean over the sampled cells where standard errors are those
+        of the deviation from it, else zero.
+
+        So they are on an open line if the signal hardly determines the mean, whose error would
+        exceed all others, or if the traction is a deviation from a background that is not known.
+        """
         if self.forward.is_circular:
             return np.broadcast_to(0.0, (self.unknowns, self.line.n))
         return self._mean_weights()

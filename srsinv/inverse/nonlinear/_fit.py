@@ -51,7 +51,8 @@ def fit(
     - `initial`: the parameters to start from, any tree of numbers and arrays (a mapping by name, a
       vector, ...). Names below are keys joined by dots, `"b[1]"` for a number of an array.
     - `noise`: standard deviation, one or one for each of `y` (infinite leaves a sample out), a
-      [`Spectrum`][], a [`Correlated`][]; None: white, its level taken from the residual.
+      [`Spectrum`][] or [`Correlated`][] of `srsinv.inverse.nonlinear`; None: white, its level taken
+      from the residual.
     - `bounds`: `{name: (lower, upper)}`, None for no bound, or two trees (lower, upper).
     - `free`: names of the fitted parameters, or a tree of truth values; None: all.
     - `priors`: `{name: (mean, standard deviation)}`, Gaussian.
