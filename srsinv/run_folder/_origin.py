@@ -3,7 +3,7 @@
 import platform
 import re
 from datetime import UTC, datetime
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,22 @@ _CLONE = Path(__file__).resolve().parents[2]
 
 def origin() -> dict[str, Any]:
     """The entries of a manifest on the origin of its run: `date` in UTC, `versions` by
-    name, and `commit`, None where the package is in no clone of its repository."""
+    name, and `commit`, None where the package is in no clone of its repository. What cannot be read
+    is None: no run fails for it."""
     versions = {"srsinv": __version__, "python": platform.python_version()}
     return {
         "commit": commit_of(_CLONE),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "versions": versions | {name: version(name) for name in _LIBRARIES},
+        "versions": versions | {name: _version(name) for name in _LIBRARIES},
     }
+
+
+def _version(name: str) -> str | None:
+    """A library's version, None where what was installed cannot be read any more."""
+    try:
+        return version(name)
+    except (PackageNotFoundError, OSError):
+        return None
 
 
 def commit_of(clone: Path) -> str | None:
