@@ -45,6 +45,7 @@ def write(docs: Path) -> None:
     }
     for name, text in pages.items():
         path = docs / name
+        path.parent.mkdir(exist_ok=True)
         if not path.exists() or path.read_text("utf-8") != text:
             path.write_text(text, encoding="utf-8")
 
