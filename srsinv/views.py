@@ -4,6 +4,7 @@ Estimates and fits have them in common. The report room, which stands above the 
 them from the answer's dataset; it is imported when a view is asked for.
 """
 
+import abc
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -37,7 +38,7 @@ class ViewData(NamedTuple):
     attributes: Mapping[str, Any] = {}
 
 
-class Views:
+class Views(abc.ABC):
     """Views of an answer: `print` gives a report, a notebook the same as HTML, and `plot`,
     `to_xarray` and `to_dataframe` give figures, arrays and tables.
 
@@ -45,9 +46,9 @@ class Views:
     `stats`.
     """
 
+    @abc.abstractmethod
     def view_data(self) -> ViewData:
         """What the views are made of."""
-        raise NotImplementedError
 
     def to_xarray(self) -> "xarray.Dataset":
         """The arrays and numbers of the answer, each with the attribute `units`.

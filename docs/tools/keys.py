@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -35,13 +36,13 @@ def read_file(path: Path, prefix: str) -> list[Key]:
     node = yaml.compose(text, Loader=yaml.SafeLoader)
     package = PACKAGE.search(text)
     prefix = prefix if package is None else package[1].replace("_global_", "")
-    about = next(
+    file_comment = next(
         (line.lstrip("# ") for line in lines if line.startswith("#") and "@package" not in line), ""
     )
-    return [] if node is None else list(_keys(node, prefix, lines, about))
+    return [] if node is None else list(_keys(node, prefix, lines, file_comment))
 
 
-def _keys(node: Any, prefix: str, lines: list[str], about: str) -> Iterator[Key]:
+def _keys(node: Any, prefix: str, lines: list[str], file_comment: str) -> Iterator[Key]:
     for key, value in node.value:
         if key.value in SKIPPED and not prefix.count("."):
             continue
@@ -50,17 +51,13 @@ def _keys(node: Any, prefix: str, lines: list[str], about: str) -> Iterator[Key]
         name = f"{prefix}.{key.value}".strip(".")
         if isinstance(value, yaml.MappingNode) and value.value:
             inherited = _comment(lines[key.start_mark.line])
-            for each in _keys(value, name, lines, about):
-                yield (
-                    each
-                    if each.comment
-                    else Key(each.name, each.default, each.unit, inherited, about)
-                )
+            for each in _keys(value, name, lines, file_comment):
+                yield each if each.comment else replace(each, comment=inherited)
             continue
         end = value.end_mark.line - (value.end_mark.column == 0 and value.end_mark.line > 0)
         end = max(end, key.start_mark.line)
         comment = _comment(lines[key.start_mark.line]) or _comment(lines[min(end, len(lines) - 1)])
-        yield Key(name, _default(value, lines), _unit(name), comment, about)
+        yield Key(name, _default(value, lines), _unit(name), comment, file_comment)
 
 
 def _default(value: Any, lines: list[str]) -> str:
@@ -93,6 +90,7 @@ def _outside_quotes(line: str) -> str:
     return re.sub(r"\"[^\"]*\"|'[^']*'", lambda quoted: "_" * len(quoted[0]), line)
 
 
+@cache
 def read_groups(configs: Path) -> dict[str, dict[str, list[Key]]]:
     """The keys of every option of every group; "." holds those of config.yaml. A key without a
     comment of its own has that of the same key in a sibling."""
@@ -137,7 +135,7 @@ def undocumented(configs: Path) -> list[str]:
 
 
 def _comments(groups: dict[str, dict[str, list[Key]]]) -> dict[str, str]:
-    """Comments by the key's full name, and by its last two names and its last one."""
+    """Comments by the key's full name, and by its last one."""
     keys = [key for options in groups.values() for own in options.values() for key in own]
     found: dict[str, str] = {}
     for key in keys:
@@ -150,11 +148,8 @@ def _comments(groups: dict[str, dict[str, list[Key]]]) -> dict[str, str]:
 
 
 def _filled(keys: list[Key], comments: dict[str, str]) -> list[Key]:
-    return [
-        key if key.comment else Key(
-            key.name, key.default, key.unit,
-            comments.get(key.name) or comments.get(key.name.rpartition(".")[2], ""),
-            key.file_comment,
-        )
-        for key in keys
-    ]  # fmt: skip
+    def comment(key: Key) -> str:
+        last = key.name.rpartition(".")[2]
+        return key.comment or comments.get(key.name) or comments.get(last, "")
+
+    return [replace(key, comment=comment(key)) for key in keys]

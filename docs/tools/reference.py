@@ -34,14 +34,15 @@ PUBLIC = {
 
 def write(docs: Path) -> None:
     """Write the generated pages below the folder `docs`."""
+    runs = cards()
     pages = {
         "reference/api.md": api(),
         "reference/kinds.md": kinds_page(),
         "reference/plot.md": plot_page(),
         "reference/configuration.md": configuration(),
         "reference/experiments.md": experiment_keys(),
-        "reference/metrics.md": metrics(cards()),
-        "gallery/index.md": gallery(cards()),
+        "reference/metrics.md": metrics(runs),
+        "gallery/index.md": gallery(runs),
     }
     for name, text in pages.items():
         path = docs / name
@@ -168,7 +169,7 @@ def _words(value: Any) -> str:
         name = match[1]
         return f"{{py:obj}}`{name} <{PUBLIC[name]}>`" if name in PUBLIC else f"`{name}`"
 
-    return LINK.sub(link, inspect.getdoc(value) or "").replace("\n    ", "\n\n    ", 0)
+    return LINK.sub(link, inspect.getdoc(value) or "")
 
 
 # --- configuration ------------------------------------------------------------------------------
