@@ -59,11 +59,6 @@ def _printed_power(match: re.Match[str]) -> str:
     return f"{sign}{factor}10{power}"
 
 
-def effects_in_words(names: str) -> str:
-    """Names of effects, or of other options, as they are listed, without underscores."""
-    return names.replace("_", " ")
-
-
 def facts_in_words(names: str) -> str:
     """Facts of a rig by their names, as a rig lists them: `depth_m, poisson_ratio (assumed)`."""
     pairs = (each.partition(" ") for each in names.split(", "))

@@ -277,7 +277,6 @@ def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any
 FILTERS: dict[str, Callable[..., Any]] = {
     "digits": _each(_digits),
     "class_in_words": text.class_in_words,
-    "effects_in_words": text.effects_in_words,
     "facts_in_words": text.facts_in_words,
     "heading": _each(text.heading),
     "in_words": text.in_words,
