@@ -3,6 +3,7 @@
 import ast
 import importlib
 import inspect
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,9 +11,23 @@ from pathlib import Path
 import pytest
 
 import srsinv
+import srsinv.plot
 from srsinv.targets import KINDS, base_of
 
 ROOT = Path(__file__).resolve().parents[1]
+ITEM = re.compile(r"\n\s*- |\n\s*\n")  # between the items of a docstring, and its paragraphs
+
+
+def _names(module) -> list[str]:
+    return [name for name in getattr(module, "__all__", dir(module)) if name[0] != "_"]
+
+
+MODULES = srsinv, srsinv.kinds, srsinv.plot, srsinv.examples
+PUBLIC = sorted(
+    {getattr(module, name) for module in MODULES for name in _names(module)}
+    - {srsinv.BadInput, *MODULES},
+    key=lambda each: (each.__module__, each.__name__),
+)
 UNITS = {"_m_per_s": "m/s", "_m": "m", "_rad": "rad", "_hz": "Hz", "_Pa": "Pa", "_s": "s"}
 
 
@@ -35,17 +50,24 @@ def test_its_names_are_all_that_is_shown():
     assert {"FeatureEstimate", "StripFeature", "LineProblem", "examples"} <= {*dir(srsinv)}
 
 
-@pytest.mark.parametrize("name", srsinv.__all__)
-def test_every_name_says_what_it_is_and_in_which_units(name):
-    public = getattr(srsinv, name)
-    text = inspect.getdoc(public)
-    assert text
-    if public is srsinv.BadInput or not callable(public):
-        return
-    for key in inspect.signature(public).parameters:
-        unit = next((unit for end, unit in UNITS.items() if key.endswith(end)), None)
-        lines = [line for line in text.splitlines() if f"`{key}`" in line]
-        assert unit is None or any(f"[{unit}]" in line for line in lines), key
+@pytest.mark.parametrize("public", PUBLIC, ids=lambda each: f"{each.__module__}.{each.__name__}")
+def test_every_public_name_explains_its_arguments(public):
+    """In backticks each; arrays with their shape, quantities with their SI unit. An argument of a
+    base may be explained there."""
+    own = [each for each in inspect.getmro(public) if "srsinv" in each.__module__] if (
+        inspect.isclass(public)
+    ) else [public]  # fmt: skip
+    items = [re.sub(r"\s+", " ", each) for part in own for each in ITEM.split(part.__doc__ or "")]
+    assert inspect.getdoc(public)
+    for name, argument in inspect.signature(public).parameters.items():
+        if argument.kind is inspect.Parameter.VAR_KEYWORD or name.startswith("_"):
+            continue
+        about = [item[item.index(f"`{name}`") :] for item in items if f"`{name}`" in item]
+        assert about, f"{name} is not explained"
+        unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
+        assert unit is None or any(f"[{unit}]" in each for each in about), f"{name}: [{unit}]?"
+        is_array = re.search(r"(Float|Complex|Bool)\[[^'\"]*['\"][^'\"]+|ndarray'>$", str(argument))
+        assert not is_array or any("(" in each for each in about), f"{name}: of which shape?"
 
 
 @pytest.mark.parametrize("name", ["simulate", "invert", "fit_recording", "load"])
@@ -62,7 +84,6 @@ def test_plots_are_a_module_that_can_be_imported():
     assert srsinv.plot.estimates.__module__.startswith("srsinv.report.plot")
     names = dir(srsinv.plot)
     assert {"answer", "estimates", "fit", "Panel"} <= {*names}
-    assert all(inspect.getdoc(getattr(srsinv.plot, name)) for name in names)
     assert not any(inspect.ismodule(getattr(srsinv.plot, name)) for name in names)
 
 

@@ -9,6 +9,8 @@ from typing import Any
 
 from ..errors import check_name
 
+__all__ = ["names", "path", "truth"]
+
 _FOLDER = Path(__file__).parent
 _TRUTH = ".truth.json"
 
@@ -19,15 +21,19 @@ def names() -> list[str]:
 
 
 def path(name: str) -> Path:
-    """The path of a bundled recording, which `srsinv.load`, `invert` and `fit_recording` take.
+    """The path of the bundled recording `name`.
 
-    Raises `BadInput` for another name, with the nearest one.
+    `srsinv.load`, `invert` and `fit_recording` take it. Raises `BadInput` for another
+    name, with the nearest one.
     """
     check_name("srsinv.examples.path", name, names())
     return _FOLDER / f"{name}.csv"
 
 
 def truth(name: str) -> dict[str, Any]:
-    """What a bundled recording was simulated from, in SI units: the feature's kind, its parameters
-    by the names that a fit reports, and the rms of the noise. Raises `BadInput` as `path` does."""
+    """What the bundled recording `name` was simulated from, in SI units.
+
+    Returns the feature's kind, its parameters by the names that a fit reports, and the rms of the
+    noise. Raises `BadInput` as `path` does.
+    """
     return json.loads(path(name).with_suffix(_TRUTH).read_text(encoding="utf-8"))

@@ -147,7 +147,7 @@ class SurfaceScene(Scene):
     """A scene of a surface: shapes on a plate, which a skin is pressed onto and slides over.
 
     - `surfaces`: the shapes; their heights add up. `base_friction`: mu of the plate.
-
+    - `skin`: in contact with it; None: a homogeneous half space.
     - `nominal_pressure_Pa` [Pa]: the mean over the line's window, with which the surface repeats.
     - `contact_windows`: how many such windows the contact repeats with, the skin free in all but
       the line's. None: one; as many as its wake asks (contact_wake.py) where the skin lags and

@@ -38,6 +38,8 @@ PROFILE_UNITS = {"height": "m", "gap": "m", "friction": "1"}
 class FeatureEstimate(Estimate):
     """Features fitted to a recording: their parameters with standard errors, and their traction.
 
+    Beside what an [`Estimate`][srsinv.Estimate] has:
+
     - `features`: by name; none for "nothing there". `fit`: the fit below, None without any free
       parameter. `model`: parameters to signal and traction; `data` (e, sample): the signals that
       were fitted, NaN where one is missing.
@@ -52,6 +54,7 @@ class FeatureEstimate(Estimate):
     - `cells`: which cells of the problem's line the samples were; None where they were none.
     - `motion`: where the sensor stood at the samples; None where the samples are cells, or where no
       problem was given. `signal_unit`: of `data`, "1" where it is not known.
+    - `are_cells`: whether the samples are the cells of `line`.
     - `line`: of the traction; `background_Pa` [Pa]: uniform pressure and shear that are added to
       it. It is computed when it is asked for, with the standard error to first order.
     """

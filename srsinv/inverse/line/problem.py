@@ -179,6 +179,7 @@ class LineProblem(LineModel):
     is data = forward(r) + noise with r (c, n) the traction [Pa]: both components ("p and q apart"),
     or p alone where `friction` says q = mu p.
 
+    - `line`: the cells. `forward`: the linear map from r to the signals (e, n).
     - `data` (e, n): signal less its known offset and less the signal of the known means; zero where
       it is missing.
     - `noise` (k,), or (e, k) where it is not the same in all elements: power per sample at `line.k`
@@ -189,9 +190,10 @@ class LineProblem(LineModel):
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
     - `nuisance` (e, column, n): what else may be on each element's signal, of unknown sizes that
       are normal of variance one (see noise/nuisance.py). None: nothing.
-    - `known_mean_Pa` [Pa]: of each component its mean over the window, None where it is not known.
-    - `background_Pa` [Pa]: of each component a uniform traction that continues beyond the window of
-      an open line, which is unobservable; it is added to the estimate. None: not known.
+    - `known_mean_Pa` (c,) [Pa]: of each component its mean over the window, None where it is not
+      known.
+    - `background_Pa` (c,) [Pa]: of each component a uniform traction that continues beyond the
+      window of an open line, which is unobservable; it is added to the estimate. None: not known.
     - `friction`: mu in q = mu p; None leaves p and q apart.
     - `zero_mean` (c,): whether only the deviation from the mean is solved for: where the mean is
       known, and where it is unobservable.

@@ -39,8 +39,8 @@ class Fit(Views):
       infinite for those that the data do not determine.
     - `names` (m,): the free parameters in a row; `covariance`, `correlation` (m, m) in that order,
       nan for pairs that are not determined.
-    - `residual`: data - model, like the data, nan where they are left out; `whitened`: the same in
-      units of the noise, in a row, 0 there. `jacobian` (n, m): the derivative of `whitened`.
+    - `residual` (of the data's shape): data - model, nan where they are left out; `whitened` (n,):
+      the same in units of the noise, 0 there. `jacobian` (n, m): the derivative of `whitened`.
     - `noise_rms`: the noise's level where it was not given, else None.
     - `status`: how the search ended; `at_bound`: parameters on a bound. Standard errors
       there are those without the bound.

@@ -113,13 +113,14 @@ def fit_many(
     - `each`: values to start each of the data from, by name along the batch, in place of the
       initial ones.
     - `at_once`: how many of the data one call of the compiled model takes.
-    - Others as [`fit`][srsinv.fit] has them.
+    - `model`, `initial`, `noise`, `bounds`, `free`, `priors`, `starts`, `linear`, `solver`,
+      `max_searches`: as of [`fit`][srsinv.fit]. Robust losses and `steps` are those of `fit` alone.
 
     The minima reached for some of the data are starts for the others. Where one of them explains
     data better than the minimum that their own start led to, they are searched again from there. A
     minimum that is still not down to the noise, where that is known, has a warning: of data that
-    are explained it is raised once in a thousand. Least squares only, and without priors where the
-    noise is not known. Solvers other than [`Optimistix`][] fit one after the other.
+    are explained it is raised once in a thousand. Solvers other than [`Optimistix`][] fit one after
+    the other. Raises `BadInput` as `fit` does, and for priors where the noise is not known.
     """
     unknowns = parameters(initial, bounds, free, linear)
     ys = checked_data(ys)

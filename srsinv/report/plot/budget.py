@@ -25,6 +25,7 @@ def budget(
 ) -> Figure:
     """Draw the uncertainty budget: the parts of standard errors as bars, the largest source first.
 
+    - `dataset`: of a result, or of an estimate. `title`: of the figure.
     - `name`: the variable of the parts (*of, source), in SI units; `source_words` (source) names
       the sources.
     - `stderr`: the variable of the standard errors (*of), each a line in a panel of its own.

@@ -31,6 +31,7 @@ def cost(
 ) -> Figure:
     """Draw error against time of computing, with the front of cases that no other beats in both.
 
+    - `dataset`: of a result. `title`: of the figure.
     - `error`, `time` [s], `family`, `size`: names of variables (case,). Each family is a line from
       its smallest size to its largest, written at both ends.
     - `spread`: names of the lower and the upper end of the time, drawn as bars.

@@ -41,6 +41,7 @@ def panel(
     - `quantity`, `along`: the words on the axes, by default the first line's name and its
       coordinate's; `log`: the axes with a logarithmic scale, "x", "y" or "xy"; `limits` of y and
       `within` of x, in SI units.
+    - `marks`: lines and areas across the panel. `title`: above it.
     """
     first = next(iter(lines.values()))
     at = first[first.dims[0]]
@@ -84,7 +85,7 @@ def curves(
 ) -> Figure:
     """Draw variables of a dataset as curves over a coordinate.
 
-    - `x`: the coordinate, by default the variables' last dimension.
+    - `dataset`: of a result. `x`: the coordinate, by default the variables' last dimension.
     - `names`: one panel holds them all; they have the same units. Of a variable NAME that has a
       NAME_stderr beside it the band of 90 % is drawn.
     - `rows`: a dimension of which every label has a panel of its own; each label of the other
@@ -92,6 +93,8 @@ def curves(
     - `quantity`, `along`: the words on the axes, by default the variable's name and the
       coordinate's; `labels`: words in the legend for the variables' names.
     - `log`: the axes with a logarithmic scale, "x", "y" or "xy"; `limits` of y, in SI units.
+    - `marks`: lines and areas across the panels. `title`: of the figure. `height_in` [inch]: of a
+      panel.
     """
     names = [names] if isinstance(names, str) else list(names)
     x = x or str(dataset[names[0]].dims[-1])

@@ -13,7 +13,7 @@ _TALL = 4  # panels that each have the full width
 
 
 def in_columns(parts: Sequence[Panel]) -> list[list[Panel]]:
-    """Arrange panels as a grid for [`panels`][]: a few in one column, many in two."""
+    """Arrange panels, `parts`, as a grid for [`panels`][]: a few in one column, many in two."""
     columns = 1 if len(parts) <= _TALL else 2
     return [list(parts[i : i + columns]) for i in range(0, len(parts), columns)]
 

@@ -32,11 +32,12 @@ def matrix(
 ) -> Figure:
     """Draw a matrix of values, a colour and a number in each cell; NaN is grey.
 
-    - `name`: the variable (row, column).
+    - `dataset`: of a result. `name`: the variable (row, column). `title`: of the figure.
     - `words`: the name of a variable of the same dimensions with the text of each cell; by default
       the value, see [`compact`][].
     - `panels`: a third dimension, of which every label has a panel beside the others.
-    - `limits` of the colours, symmetric ones for values of either sign; `label` of the colours.
+    - `limits` of the colours, symmetric ones for values of either sign; `label` of the colours;
+      `is_log`: whether they are logarithmic.
     """
     array = dataset[name]
     array = array.expand_dims("panel") if panels is None else array.transpose(panels, ...)

@@ -43,7 +43,7 @@ _FEW_TICKS = 2.0  # decades: below, a logarithmic axis has numbers at 1, 2 and 5
 
 @dataclass(frozen=True)
 class PanelAxis:
-    """An axis of a panel: its quantity and SI unit.
+    """An axis of a panel: the name of its `quantity`, and its SI unit, `units`.
 
     - `is_log`: whether it is logarithmic.
     - `limits`: least and greatest, in SI units, each None for the curves' own.
@@ -59,6 +59,7 @@ class PanelAxis:
 class Curve:
     """A curve of a panel: values `y` (n,) over the panel's x (n,), or over an `x` of its own.
 
+    - `label`, `band_label`: in the legend.
     - `band`: least and greatest (n,) about it, drawn as an area, or as bars where `has_bars`.
     - `look`: matplotlib's properties of the line; its colour is chosen by the label where it is not
       given.
@@ -93,9 +94,10 @@ class Mark:
 
 @dataclass(frozen=True)
 class Panel:
-    """A panel of a figure as data: curves and marks over `values` (n,) of the x axis.
+    """A panel of a figure as data: `curves` and `marks` over `values` (n,) of the x axis.
 
-    All are in SI units; `x` and `y` say the axes' quantities and units.
+    All are in SI units; `x` and `y` are the axes, with their quantities and units; `title` stands
+    above the panel.
     """
 
     curves: Sequence[Curve]

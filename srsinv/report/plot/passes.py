@@ -15,8 +15,13 @@ _FIT = {"color": "#d55e00", "linewidth": 1.2}
 def passes(
     dataset: xarray.Dataset, signal: str = "hum_free_signal", fit: str = "hum_free_fit"
 ) -> Figure:
-    """The mean signal (direction, element, place) and its fit, a column for each direction of
-    motion that has a pass and a row for each element."""
+    """Draw the mean signal of the passes over the position on the surface, and its fit.
+
+    - `dataset`: of a fit to several passes; `signal`, `fit`: names of its variables (direction,
+      element, place).
+
+    A column stands for each direction of motion that has a pass, a row for each element.
+    """
     up, at = PanelAxis("signal", units_of(dataset[signal])), dataset["place"].values
     directions = [
         d for d in range(dataset.sizes["direction"])

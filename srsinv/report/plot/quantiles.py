@@ -15,7 +15,8 @@ _CENTRAL = (0.05, 0.95)  # of the k-th of n normal values
 def quantiles(dataset: xarray.Dataset, name: str, panels_of: str, draws: str = "draw") -> Figure:
     """Draw values in order against quantiles of the standard normal distribution.
 
-    - `name`: the variable; `draws`: its dimension along which the values are.
+    - `dataset`: of a result. `name`: the variable; `draws`: its dimension along which the values
+      are.
     - `panels_of`: its other dimension, of which every label has a panel.
 
     Values that are standard normal lie on the diagonal, each in the band with probability 0.9.

@@ -34,6 +34,9 @@ _SIDE_IN, _ROW_IN, _PER_ROW = 1.95, 2.75, 3  # of the close-ups
 def scene(dataset: xarray.Dataset) -> Figure:
     """Draw the finger's skin from the side: traction over the line, the sensor in it, and close up.
 
+    - `dataset`: of a result: the elements' `element_depth`, `element_offset`, `element_width` [m]
+      and `element_angle` [rad], and `traction` (component, x) [Pa] where it is known.
+
     z points up, into the finger, as in docs/explanation/physics/signs.md. Lengths along x and z
     have the same scale in the section and in the close-ups; only the film is drawn thicker than it
     is.

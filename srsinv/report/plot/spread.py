@@ -37,15 +37,16 @@ def spread(
 ) -> Figure:
     """Draw values with their spread over the labels of a dimension, a panel for each heading.
 
-    - `names`: the variables that a panel shows, by its heading; `rows`: the dimension. Without
-      draws, the bars of a variable NAME that has a NAME_stderr beside it are one standard error.
+    - `dataset`: of a result. `names`: the variables that a panel shows, by its heading; `rows`: the
+      dimension. Without draws, the bars of a variable NAME that has a NAME_stderr
+      beside it are one standard error.
     - `draws`: the dimension of which the mean, the least and the greatest are drawn.
     - `over`: a further dimension of which every label has marks of its own.
     - `expected`: by heading a value that would be right, or one not to be exceeded,
       `expected_label` in the legend; `bands`: by heading the range of chance about it, both in SI
       units, `band_label` its words; `limits` by heading the ends of an axis in SI units.
     - `log`: the headings of logarithmic axes, linear about zero where not all values are positive.
-    - `labels`: words in the legend for the variables' names.
+    - `labels`: words in the legend for the variables' names. `title`: of the figure.
     """
     figure, grid = _grid(dataset, rows, len(dataset[over]) if over else 1, len(names))
     for axes, (heading, shown) in zip(grid, names.items(), strict=True):

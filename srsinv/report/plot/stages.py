@@ -76,8 +76,9 @@ def record(dataset: xarray.Dataset) -> Figure:
 def with_and_without(dataset: xarray.Dataset, effect: str) -> Figure:
     """Draw the signal of each element with an effect and without, and their difference beside.
 
-    `dataset`: `signal_with_EFFECT`, `signal_without_EFFECT` (element, time_EFFECT) and the
-    coordinate `time_EFFECT` [s], for an effect has sample times of its own.
+    - `effect`: its name, EFFECT below.
+    - `dataset`: `signal_with_EFFECT`, `signal_without_EFFECT` (element, time_EFFECT) and the
+      coordinate `time_EFFECT` [s], for an effect has sample times of its own.
     """
     time_s, unit = dataset[f"time_{effect}"].values, units_of(dataset[f"signal_with_{effect}"])
     changed, ideal = (dataset[f"signal_{name}_{effect}"].values for name in ("with", "without"))

@@ -20,8 +20,9 @@ _DIM = "job"
 def sweep(dataset: xarray.Dataset, x: str, names: Sequence[str]) -> Figure:
     """Draw metrics of a sweep's jobs against a setting, a panel of each.
 
-    `names`: of the metrics (job,); `x`: of the setting (job,). Jobs that agree in all other
-    settings are one curve, with bars of one standard error where a metric NAME has a NAME_stderr.
+    `dataset`: of a sweep; `names`: of its metrics (job,); `x`: of the setting (job,). Jobs that
+    agree in all other settings are one curve, with bars of one standard error where a metric
+    NAME has a NAME_stderr.
     """
     at = dataset[x].values
     is_drawn = np.isfinite(at) & np.any([np.isfinite(dataset[name].values) for name in names], 0)
