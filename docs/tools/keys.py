@@ -135,21 +135,26 @@ def undocumented(configs: Path) -> list[str]:
 
 
 def _comments(groups: dict[str, dict[str, list[Key]]]) -> dict[str, str]:
-    """Comments by the key's full name, and by its last one."""
-    keys = [key for options in groups.values() for own in options.values() for key in own]
+    """Comments by what a key may go by, see `_known_as`, the first of each."""
     found: dict[str, str] = {}
-    for key in keys:
-        if key.comment:
-            found.setdefault(key.name, key.comment)
-    for key in keys:
-        if key.comment:
-            found.setdefault(key.name.rpartition(".")[2], key.comment)
+    for key in (key for options in groups.values() for own in options.values() for key in own):
+        for name in _known_as(key.name)[:2] if key.comment else ():
+            found.setdefault(name, key.comment)
     return found
+
+
+def _known_as(name: str) -> list[str]:
+    """What a key may go by: its name, and that of the same key in a sibling, with a star for it:
+    sensor.elements.*.strip_width_m; then the same without what is above the group, as of a scene
+    that an experiment lists."""
+    parts = name.split(".")
+    whole = [parts[i:] for i in range(max(len(parts) - 1, 1))]
+    return [".".join(each) for part in whole for each in (part, [*part[:-2], "*", part[-1]])]
 
 
 def _filled(keys: list[Key], comments: dict[str, str]) -> list[Key]:
     def comment(key: Key) -> str:
-        last = key.name.rpartition(".")[2]
-        return key.comment or comments.get(key.name) or comments.get(last, "")
+        known = (comments[name] for name in _known_as(key.name) if name in comments)
+        return key.comment or next(known, "")
 
     return [replace(key, comment=comment(key)) for key in keys]
