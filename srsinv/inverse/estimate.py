@@ -123,7 +123,7 @@ class Estimate(Views, eqx.Module):
 
     @property
     def quality(self) -> Quality:
-        """Good, doubtful (any warning), without bands, or failed."""
+        """Good, doubtful (any warning), no bands, or failed."""
         chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
         freedom = np.inf if freedom is None else freedom
         return quality(self.status, chi2, self.warnings, freedom, self.has_bands)

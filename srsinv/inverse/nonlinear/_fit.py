@@ -118,8 +118,8 @@ def fit_many(
 
     The minima reached for some of the data are starts for the others. Where one of them explains
     data better than the minimum that their own start led to, they are searched again from there. A
-    minimum that is still not down to the noise, where that is known, has a warning: of data that
-    are explained it is raised once in a thousand. Solvers other than [`Optimistix`][] fit one after
+    fit whose residual still exceeds the known noise has a warning that its minimum may be a false
+    one; by chance alone one good fit in a thousand has it. Solvers other than [`Optimistix`][] fit one after
     the other. Raises `BadInput` as `fit` does, and for priors where the noise is not known.
     """
     unknowns = parameters(initial, bounds, free, linear)
