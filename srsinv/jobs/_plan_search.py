@@ -99,6 +99,13 @@ class Plan:
     outcomes: tuple[RecipeOutcome, ...]
     of_curves: Mapping[Recipe, float]
 
+    @property
+    def first_call_s(self) -> float:
+        """The first call of the chosen outcome by itself: what other effects have compiled before
+        it is compiled there, too."""
+        own = self.outcome.recipe.with_(effects=None)
+        return max(each.first_s for each in self.outcomes if each.recipe.with_(effects=None) == own)
+
     def error_of(self, outcome: RecipeOutcome) -> float:
         """The error that an outcome leaves: along its curve where it is one of them."""
         beside = self.left + outcome.error_from(self.beside)

@@ -172,7 +172,7 @@ def _numbers(plan: Plan, measured: PlanCheck | None, asked: Asked) -> dict[str, 
         "plan_error_found": measured and measured.planned.error_from(measured.converged),
         "plan_time_s_predicted": one.seconds,
         "plan_time_s_found": measured and measured.planned.seconds,
-        "plan_first_call_s_predicted": one.first_s,
+        "plan_first_call_s_predicted": plan.first_call_s,
         "plan_memory_bytes_predicted": one.memory_bytes,
         "plan_floor": one.floor,
         "plan_meets_error": None if error is None else plan.error <= error,
@@ -208,7 +208,7 @@ def _title(plan: Plan, asked: Asked) -> str:
         return f"The target error is not met: {what} has {predicted}, and no trial has less"
     if error is not None and outcome.floor > error:
         return (
-            f"Noise alone makes an error of {significant(100 * outcome.floor, 2)} %; {what} adds a "
+            f"The standard error is {significant(100 * outcome.floor, 2)} %; {what} adds a "
             f"numerical error of {predicted} in {seconds}"
         )
     if budget_s is not None and outcome.seconds > budget_s:
@@ -236,7 +236,7 @@ def tradeoff(ds: xarray.Dataset) -> Figure:
         for name, label, axis, linestyle in (
             ("plan_error_asked", "target error", "y", "--"),
             ("plan_budget_s_asked", "time budget", "x", ":"),
-            ("plan_floor", "error by noise", "y", "-."),
+            ("plan_floor", "standard error", "y", "-."),
         )
         if name in ds and float(ds[name]) > 0
     ]
