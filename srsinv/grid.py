@@ -195,7 +195,7 @@ class Line(eqx.Module):
 
     @property
     def kind(self) -> str:
-        """What it is called in a configuration: periodic or open."""
+        """Its name in a configuration: periodic or open."""
         return type(self).__name__.lower()
 
     @property

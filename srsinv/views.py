@@ -48,7 +48,7 @@ class Views(abc.ABC):
 
     @abc.abstractmethod
     def view_data(self) -> ViewData:
-        """What the views are made of."""
+        """What is printed, plotted and tabulated."""
 
     def to_xarray(self) -> "xarray.Dataset":
         """The arrays and numbers of the answer, each with the attribute `units`.

@@ -80,9 +80,9 @@ class Contact(eqx.Module):
         if self.wake is not None and self.wake.is_much:
             messages.append(
                 "The skin has not recovered when the window repeats, so the contact meets its own "
-                f"wake: {float(self.wake.missing_fraction[0]):.0%} of the friction by its lag is "
-                "missing, and the pressure lies too far back. Set scene.contact_windows=null, or a "
-                "longer grid.length_m."
+                f"wake: {100 * float(self.wake.missing_fraction[0]):.0f} % of the friction by its "
+                "lag is missing, and the pressure lies too far back. Set "
+                "scene.contact_windows=null, or a longer grid.length_m."
             )
         return tuple(messages)
 

@@ -268,15 +268,16 @@ class Film(eqx.Module):
         return dataclasses.replace(self, effects=(*self.effects, effect))
 
     def in_place(self) -> "Film":
-        """The same film where it sits."""
+        """The same film with its offset in the model."""
         return dataclasses.replace(self, is_at_origin=False)
 
     def at_origin(self) -> "Film":
-        """The same film, its offset left out."""
+        """The same film without its offset in the model."""
         return dataclasses.replace(self, is_at_origin=True)
 
     def with_strip_average(self) -> "Film":
-        """The same film, its charge the mean over its width. Its width and depth are not traced."""
+        """The same film, whose charge is the mean over its width. Gradients do not reach the width
+        and the depth of this mean: they are plain numbers in it."""
         return self.with_effect(StripAverage.at_depth(float(self.width_m), float(self.depth_m)))
 
     def backward(self) -> "Film":
@@ -284,7 +285,8 @@ class Film(eqx.Module):
         return dataclasses.replace(self, is_backward=True)
 
     def turned(self, response: Shaped[Array, "c x"]) -> Shaped[Array, "c x"]:
-        """Responses to p and q of sliding towards +x, from those to what acts as it slides."""
+        """The responses (c, x) to p and q as they act while the film slides towards +x: of a
+        backward film, the response to q with its sign changed."""
         return response * jnp.array([[1.0], [-1.0]]) if self.is_backward else response
 
     def charge_per_stress(self, xp: Any = jnp) -> Shaped[Any, "4"]:
@@ -304,30 +306,37 @@ class Film(eqx.Module):
     def charge_transfer(
         self, stress: Complex[Array, "4 c k"], k: Float[Array, " k"]
     ) -> Complex[Array, "c k"]:
-        """Charge [C] per unit traction exp(ikx) that makes this `stress` at the film's depth."""
+        """Charge [C] per unit traction exp(ikx), from the `stress` of that traction at the film's
+        depth."""
         charge = jnp.tensordot(self.charge_per_stress(), stress, 1)
         return self.turned(self.along_line(charge, k))
 
     def charge_response(
         self, stress: StressAt, x: Float[Array, " x"], width_m: Float[Array, ""], order: int
     ) -> Float[Array, "c x"]:
-        """Charge [C], or its slope [C/m] where `order` is 1, at x under a unit strip of traction
-        `width_m` wide, of which `stress` gives the stress, or its slope, at the film's depth."""
+        """Charge [C] at x under a strip of unit traction, `width_m` wide; where `order` is 1 its
+        slope [C/m].
+
+        `stress`: the stress of that strip at the film's depth, or its slope.
+        """
         del width_m, order  # which the stress is of
         weights = self.charge_per_stress()
         kernel = self.along_kernel(lambda x: jnp.tensordot(weights, stress(x), 1))
         return self.turned(kernel(x))
 
     def series_radius_m(self, of_stress_m: Scalar) -> Scalar:
-        """Distance [m] beyond which its charge is a power series in 1/x, where the stress is one
-        beyond `of_stress_m`; infinite where that is not known."""
+        """Distance [m] from the load beyond which the charge is a power series in 1/x; infinite
+        where it is not known.
+
+        `of_stress_m` [m]: the same distance of the stress.
+        """
         shifts = (effect.farthest_shift_m for effect in self.all_effects)
         is_own = type(self).charge_response is Film.charge_response
         return sum(shifts, start=of_stress_m) if is_own else np.inf
 
     @property
     def place(self) -> tuple[LineEffect, ...]:
-        """The effect of its offset, none where that is left out."""
+        """The effect that its offset makes; none for a film without offset."""
         return () if self.is_at_origin else (Offset(self.offset_m),)
 
     @property
@@ -342,7 +351,7 @@ class Film(eqx.Module):
         return transfer
 
     def along_kernel(self, kernel: Kernel) -> Kernel:
-        """The kernel spread by every effect."""
+        """The kernel, spread by every effect."""
         for effect in self.all_effects:
             kernel = effect.spread(kernel)
         return kernel

@@ -118,8 +118,8 @@ class Motion(eqx.Module):
     def direction(self) -> Float[Array, " sample"]:
         """sign(u), with which Coulomb friction enters q = sign(u) mu p.
 
-        At a standstill friction keeps the sign of the motion before, and ahead of the first motion
-        it has the sign of that. Zero where nothing ever moves.
+        At a standstill the sign is that of the motion before it, ahead of the first motion that of
+        the first motion. It is zero where nothing ever moves.
         """
         return as_real(_last_sign(self.speed_m_per_s))
 
@@ -128,8 +128,8 @@ class Motion(eqx.Module):
         return Motion(self.time_s, factor * self.position_m, factor * self.speed_m_per_s)
 
     def held(self, count: int) -> "Motion":
-        """The motion, and at its end a standstill, up to `count` samples. Of a motion that is not
-        traced."""
+        """The motion, followed by a standstill until it has `count` samples. Not for traced
+        motions."""
         time_s, x, speed = (
             np.asarray(each) for each in (self.time_s, self.position_m, self.speed_m_per_s)
         )
@@ -142,14 +142,14 @@ class Motion(eqx.Module):
 
     @property
     def sample_rate_hz(self) -> float:
-        """The mean rate of its samples. Of a motion that is not traced."""
+        """The mean rate of its samples [Hz]. Not for traced motions."""
         first, last = np.asarray(self.time_s)[[0, -1]]
         return (self.time_s.size - 1) / float(last - first)
 
     @property
     def directions(self) -> tuple[bool, ...]:
-        """Whether the sensor slides towards +x, and towards -x: True and False, in this order. Of a
-        motion that is not traced."""
+        """Whether the sensor slides towards +x, and towards -x: True and False, in this order. Not
+        for traced motions."""
         onwards = np.asarray(self.direction) >= 0
         return tuple(direction for direction in (True, False) if np.any(onwards == direction))
 

@@ -50,8 +50,8 @@ class Scene(eqx.Module):
     def solved(
         self, line: Line, p: Float[ArrayLike, " n"] | None
     ) -> tuple["Scene", Float[ArrayLike, " n"] | None]:
-        """The scene without what only its pressure needs, and that pressure; `p` where it is known
-        already."""
+        """The scene without its surface and skin, and its pressure. `p`: the pressure, if it is
+        known already."""
         del line
         return self, p
 
@@ -150,7 +150,7 @@ class SurfaceScene(Scene):
     - `skin`: in contact with it; None: a homogeneous half space.
     - `nominal_pressure_Pa` [Pa]: the mean over the line's window, with which the surface repeats.
     - `contact_windows`: how many such windows the contact repeats with, the skin free in all but
-      the line's. None: one; as many as its wake asks (contact_wake.py) where the skin lags and
+      the line's. None: one; as many as its wake asks where the skin lags and
       touches in the window's midst alone.
 
     Raises `BadInput` for a pressure that is not positive, parts of another kind, a number of
@@ -218,7 +218,8 @@ class SurfaceScene(Scene):
         return self.contact(line).warnings
 
     def height(self, line: Line) -> Float[Array, " n"]:
-        """Surface height [m] at the cell centres: a program of its own, whatever the skin."""
+        """Surface height [m] at the cell centres. It has a compiled program of its own, the same
+        for all skins."""
         return _height(self.surface, line)
 
     def friction(self, line: Line, direction: Scalar = 1.0) -> Float[Array, " n"]:

@@ -157,7 +157,7 @@ def prior_alone(
     """
     if resolved_dof >= LEAST_RESOLVED_DOF and explained >= LEAST_EXPLAINED:
         return ()
-    part = f" ({max(explained, 0.0):.0%} of its prior variance)" if explained < 1 else ""
+    part = f" ({100 * max(explained, 0.0):.0f} % of its prior variance)" if explained < 1 else ""
     return (
         f"The signal resolves {_count(resolved_dof)} of the {cells} degrees of freedom of {name}"
         f"{part}. The estimate and its band are mostly the prior. If q = mu p, give friction=MU; "
@@ -346,8 +346,8 @@ def rough_bands(defect: float) -> Sequence[str]:
     if not defect > MOST_DEFECT:
         return ()
     return (
-        f"Bands are rough: a test with noise finds an error of {defect:.0%} in their approximate "
-        "covariance. Use larger weights, a stronger prior or path=direct.",
+        f"Bands are rough: a test with noise finds an error of {100 * defect:.0f} % in their "
+        "approximate covariance. Use larger weights, a stronger prior or path=direct.",
     )
 
 
@@ -499,7 +499,7 @@ def sliding_noise(fraction: float) -> Sequence[str]:
     if not fraction > MUCH_SLIDING:
         return ()
     return (
-        f"The residual has a correlated part of {fraction:.0%} of the signal, more than the noise "
-        "of sliding. The feature may be of another kind, or have others beside it. To allow a "
-        "groove, include negative heights in feature.ridge.height_range_m.",
+        f"The residual has a correlated part of {100 * fraction:.0f} % of the signal, more than "
+        "the noise of sliding. The feature may be of another kind, or have others beside it. To "
+        "allow a groove, include negative heights in feature.ridge.height_range_m.",
     )

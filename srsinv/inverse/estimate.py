@@ -35,8 +35,8 @@ class Estimate(Views, eqx.Module):
     - `parameters`: (value, standard error) by name, in SI units; may be empty.
     - `fitted` (e, sample): the fitted signal at the problem's samples; `whitened` (e, sample): the
       residual over the noise, NaN where a sample is missing.
-    - `status`: how the computation ended; `warnings`: sentences on the validity of the bands
-      (see diagnostics.py).
+    - `status`: how the computation ended; `warnings`: sentences on the validity of the
+      bands.
     - `covariance` of the components solved for: (c, c, k) per wavenumber where the line was taken
       as periodic, else (c n, c n); `averaging` (c, c, n): the estimate's response to a unit
       traction in the middle cell, whose transform has the resolution at each wavenumber on its
@@ -59,21 +59,22 @@ class Estimate(Views, eqx.Module):
 
     @abc.abstractmethod
     def on(self, line: Line) -> "Estimate":
-        """The same estimate as averages over the cells of another line."""
+        """The same estimate on another line, as averages over its cells."""
 
     @abc.abstractmethod
     def deviation(self, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """p and q (2, n) less their mean over `cells` (n,), a mask, and the standard error of
-        that."""
+        """p and q (2, n) less their mean over the cells of `cells` (n,), a mask, and the standard
+        error of these deviations."""
 
     def with_warnings(self, warnings: Sequence[str]) -> "Estimate":
         """The same estimate with further warnings."""
         return dataclasses.replace(self, warnings=(*self.warnings, *warnings))
 
     def against(self, truth: Float[Numbers, "2 n"], cells: Bool[np.ndarray, " n"]) -> "Estimate":
-        """The same estimate, with warnings where it is off the true p and q [Pa] on its line.
+        """The same estimate, with a warning where its error exceeds its standard error by much.
 
-        `cells`: a mask of those that are compared, all as deviations from the mean over them.
+        `truth` (2, n) [Pa]: the true p and q on its line. `cells` (n,): a mask of the cells that
+        are compared; p, q and truth are compared as deviations from their means over them.
         """
         (value, stderr), truth = self.deviation(cells), np.asarray(truth)
         resolved = [self.stats.get(f"resolved_dof_{name}", 0.0) for name in COMPONENTS]
@@ -156,8 +157,8 @@ class TractionEstimate(Estimate):
     - `mean_weights` (c, n): the weights of the mean that was taken out of `stderr`, zero where the
       mean is observable.
     - `friction`: mu where q = mu p was not solved for.
-    - `rig_errors` (j, c, n): errors by one standard deviation of the rig, in independent directions
-      (line/rig_bands.py). They are in `stderr` beside `covariance`: the two have the covariance
+    - `rig_errors` (j, c, n): errors by one standard deviation of the rig, in independent
+      directions. They are in `stderr` beside `covariance`: the two have the covariance
       C + sum_j f_j f_j^T. None of a rig that is exact.
     - `mean_unobserved`: names of the components whose mean the signal does not show, so that
       `value` is the deviation from it.

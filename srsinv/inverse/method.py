@@ -25,12 +25,12 @@ class Method(eqx.Module):
         """The estimate of p and q [Pa], with its standard error."""
 
     def spectra(self, problem: LineProblem) -> Float[Array, "c k"] | None:
-        """The power spectra of p and q [Pa^2] that it is given; None where it is given none."""
+        """The power spectra of p and q [Pa^2] that were given; None where none was given."""
         del problem
         return None
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
-        """Its Gaussian prior for any problem; what a rule chooses is chosen once, on `problem`.
+        """Its Gaussian prior, with the weights that its rule chooses on `problem`; for any problem.
 
         Raises `BadInput` for a method without such a prior.
         """

@@ -143,9 +143,9 @@ class Problem(eqx.Module):
 
     @property
     def nuisance_columns(self) -> Float[np.ndarray, "e column sample"]:
-        """Signals of no interest that each element may have, of unknown sizes that are normal of
-        variance one: the waves of mains, and what aligned passes may be off. An offset that is not
-        known is the amplifier's."""
+        """What else may be in each element's signal, with normal coefficients of variance one: the
+        waves of mains, and the errors of aligning passes. An unknown offset belongs to the
+        amplifier."""
         if not self.mains:
             return self.off_place
         hum = waves(np.asarray(self.motion.time_s), self.mains, self.noise.rms)
@@ -163,8 +163,8 @@ class Problem(eqx.Module):
         return self.sensor.operator_along(line, self.motion, directions=self.motion.directions)
 
     def samples(self) -> Samples:
-        """The signals along the motion, those of its own way alone where it has one; where a drift
-        was looked for, with its trend beside the noise."""
+        """The signals along the motion, as a fit takes them: of one direction alone where the
+        problem is of one; with the trend beside the noise where a drift was searched."""
         y = np.where(self.observed, np.asarray(self.data), np.nan)
         if self.direction is not None:
             y = np.where(is_within(self._own_passes, y.shape[1]), y, np.nan)
@@ -183,10 +183,13 @@ class Problem(eqx.Module):
         return Samples(self.sensor, self.motion, y, beside, is_estimate, columns)
 
     def aligned(self) -> "Problem":
-        """The same problem for a fit along the motion, each pass where the signals of its direction
-        have their mean place, and what that may be off among the nuisance columns (see
-        gridding/passes.py); itself where no direction is passed more than once and no position is
-        rounded, and where a pass is too short for cells."""
+        """The same problem for a fit along the motion, with its passes aligned.
+
+        Each pass is shifted so that the signals of its direction agree. What is left of the shifts'
+        uncertainty is among the nuisance columns (see gridding/passes.py). The problem itself is
+        returned where no direction is passed more than once and no position is rounded, and where a
+        pass is too short for cells.
+        """
         own = self._own_passes
         if not self.position_step_m and len(own) == len({each.is_onwards for each in own}):
             return self
@@ -256,7 +259,7 @@ class Problem(eqx.Module):
         return with_found_noise(grid, depth_m, is_drifting)
 
     def of_direction(self, is_onwards: bool) -> "Problem":
-        """The same problem, on a line by the passes towards +x alone, or towards -x."""
+        """The same problem on a line, of the passes towards +x alone, or of those towards -x."""
         return with_fields(self, direction=is_onwards)
 
 

@@ -70,9 +70,9 @@ def _of_motion(recording: Recording) -> Iterator[str]:
         share = float(np.mean((window_m[0] <= x) & (x <= window_m[1])))
         if share < _LEAST_IN_WINDOW:
             yield (
-                f"The contact window from {window_m[0]:g} m to {window_m[1]:g} m holds {share:.0%} "
-                f"of the scan, which goes from {x.min():g} m to {x.max():g} m: check "
-                "recording.contact_window_m and the positions' origin."
+                f"The contact window from {window_m[0]:g} m to {window_m[1]:g} m holds "
+                f"{100 * share:.0f} % of the scan, which goes from {x.min():g} m to {x.max():g} m: "
+                "check recording.contact_window_m and the positions' origin."
             )
     if recording.sample_rate_hz < SLOWEST_HZ:
         yield (

@@ -97,15 +97,15 @@ def load(
     - speed (m/s, cm/s, mm/s, um/s, nm/s): `speed_m_per_s`, `Stage velocity [mm/s]`, or
       `speed_column`; or none, with a position or the number `speed_m_per_s`.
     - position (m, cm, mm, um, nm) along x: `position_m`, `Stage pos (mm)`, or `position_column`; or
-      none. Without a speed column the speed is derived from the positions: see `_speed`.
+      none. Without a speed column the speed is the derivative of a spline through the positions.
     - signals: those that `channels` lists; or `voltage_0_V`, `voltage_1_mV`, ... in the order of
       their numbers; or all in V, mV or uV, as `Ch A [V]`, and all called channels, as `AI0`; or all
       that is left in WAV, FLAC and TDMS.
     `time_column`, `position_column`, `speed_column` and `channels` take a column's whole name, or
-    the name without its unit. A row with no number at all is as if it was not there where there are
-    times, and a missing sample of all signals where there are none. Counters that wrap are
-    continued, positions that are held between reports are interpolated, and columns that start at
-    different times are aligned, each with a sentence in `Recording.notes`.
+    the name without its unit. In a file with times a row without any number is left out. In a file
+    without times it is a missing sample of all signals. Counters that wrap are continued,
+    positions that are held between reports are interpolated, and columns that start at different
+    times are aligned, each with a sentence in `Recording.notes`.
 
     A signal's unit is `signal_unit`, or the file's own, or that of its column's name, or else
     "counts"; values in mV or uV are converted to V. It is multiplied by `polarity` (1 or -1) and

@@ -26,7 +26,7 @@ class Recording:
     - `time_s`: (sample,), strictly increasing [s], from any origin.
     - `speed_m_per_s`: (sample,), sliding speed along x [m/s].
     - `channels`: the elements' names, in the order of `signal`'s rows.
-    - `sidecar`: the experimenter's facts, a nested dict with SI units in its keys (_schema.py).
+    - `sidecar`: the experimenter's facts, a nested dict with SI units in its keys.
     - `signal_unit`: "V", "counts" or another.
     - `name`: for messages and titles; the file's name when it was loaded.
     - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
@@ -34,7 +34,7 @@ class Recording:
       samples.
     - `notes`: what was done while the file was read, in sentences; `doubts`: what is uncertain
       about it, so that no answer from it is sure.
-    - `raw_signal`: (element, sample), the signal before its preparation (preparation.py); None for
+    - `raw_signal`: (element, sample), the signal before its preparation; None for
       one that is as recorded.
 
     Raises `BadInput` for shapes that do not agree, fewer than 3 samples, times that do not increase
@@ -158,11 +158,11 @@ class Recording:
         return bool(np.max(np.abs(self.speed_m_per_s - mean)) <= rtol * abs(mean))
 
     def resample_uniform(self) -> "Recording":
-        """Signal, speed and measured position interpolated linearly onto as many uniform times
-        between the same ends.
+        """Signal, speed and measured position, interpolated linearly at evenly spaced times between
+        the same ends.
 
-        Meant for a small `sampling_jitter`; a sample is missing where a neighbour that it is
-        interpolated from is.
+        It is meant for a small `sampling_jitter`. A sample is missing if one of the two that it is
+        interpolated from is missing.
         """
         time_s = np.linspace(self.time_s[0], self.time_s[-1], self.time_s.size)
 

@@ -181,8 +181,8 @@ def even_times(
         )
     refuse(
         not stamps.is_even,
-        f"{name}: the sampling interval varies by {stamps.jitter_largest:.0%}, more "
-        f"than {JITTER:.0%}: interpolate the signal to even times, or, if only the "
+        f"{name}: the sampling interval varies by {100 * stamps.jitter_largest:.0f} %, more "
+        f"than {100 * JITTER:.0f} %: interpolate the signal to even times, or, if only the "
         "times are wrong, give recording.times=ignore and "
         "recording.sample_rate_hz=...",
     )

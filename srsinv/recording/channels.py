@@ -65,10 +65,10 @@ def flat_samples(name: str, values: Float[np.ndarray, " sample"], unit: str) -> 
         step = quantisation_step(values)
         steps = "" if step is None else f", in steps of {step:.3g} {unit}"
         return FlatSamples(
-            rounded=f"{name}: {fraction:.0%} of its samples are equal to the one before{steps}: it "
-            "is rounded to more than its noise, or each sample is stored several times, and the "
-            "bands take neither into account: record it with more gain, or leave the rows that "
-            "repeat others out, and, where there is no column of times, give "
+            rounded=f"{name}: {100 * fraction:.0f} % of its samples are equal to the one "
+            f"before{steps}: it is rounded to more than its noise, or each sample is stored "
+            "several times, and the bands take neither into account: record it with more gain, or "
+            "leave the rows that repeat others out, and, where there is no column of times, give "
             "recording.sample_rate_hz of those that are left.",
         )
     log_alarm = np.log(values.size) + (np.arange(longest + 1) - 1) * np.log(

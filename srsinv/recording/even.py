@@ -35,7 +35,7 @@ def load_steady(settings: Any, known: Mapping[str, Any], reader: Reader = BY_SUF
     recording = load_even(settings, known, reader)
     refuse(
         not recording.is_constant_speed(STEADY),
-        f"{recording.name}: the speed varies by more than {STEADY:.1%} of its mean, "
+        f"{recording.name}: the speed varies by more than {100 * STEADY:.1f} % of its mean, "
         "but this job needs a constant one: give recording.speed_m_per_s=... to "
         "replace it.",
     )

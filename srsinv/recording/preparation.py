@@ -215,7 +215,7 @@ def _check_observed(recording: Recording) -> None:
         refuse(
             count <= CUBIC or count < LEAST_OBSERVED * row.size,
             f"{recording.name}: channel {channel} has {count} of {row.size} samples, but "
-            f"a filter needs {LEAST_OBSERVED:.0%}: leave out the channel, or "
+            f"a filter needs {100 * LEAST_OBSERVED:.0f} %: leave out the channel, or "
             "recording.high_pass_Hz and recording.notch_Hz.",
         )
 

@@ -39,7 +39,7 @@ low frequencies is signal that the model leaves out, or noise that is correlated
             curves = [Curve(power, name) for power, name in zip(binned, names, strict=True)]
             count = 2 * rows.shape[-1] / 2 / _BINS
             level = float(2 * scipy.special.gammaincinv(count / 2, _CHANCE) / count)
-            marks = [Mark(level, f"{_CHANCE:.0%} of white noise is below", "y")]
+            marks = [Mark(level, f"{100 * _CHANCE:.0f} % of white noise is below", "y")]
             at = 0.5 * (np.arange(_BINS) + 0.5) / _BINS
             parts.append(Panel(curves, across, PanelAxis("power"), at, f"Element {element}", marks))
         return panels(parts)

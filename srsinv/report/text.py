@@ -19,7 +19,7 @@ _UNITS = {
 _UNITS_WITHIN = {"Pa", "Hz", "dB"}  # words of a metric's name that are its unit
 _TERMS = {
     "snr": "signal-to-noise ratio", "dof": "degrees of freedom", "stderr": "standard error",
-    "chi2": "chi-square", "mu": "friction",
+    "chi2": "chi-square", "mu": "friction", "tikhonov": "Tikhonov", "wiener": "Wiener",
 }  # fmt: skip
 _NOISES = {
     "snr": "white noise at a given signal-to-noise ratio",
@@ -108,7 +108,7 @@ def without_unit(name: str) -> str:
 
 def in_words(name: str) -> str:
     """The quantity that a setting or a metric is named after: `noise.snr.snr_dB` is
-    "signal-to-noise ratio", `error_p_wiener` "error of p, wiener"."""
+    "signal-to-noise ratio", `error_p_wiener` "error of p, Wiener"."""
     words = [
         _TERMS.get(word, word)
         for word in without_unit(name.rpartition(".")[2]).split()

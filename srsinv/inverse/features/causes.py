@@ -299,7 +299,7 @@ class Explained(NamedTuple):
         """A sentence that names the causes."""
         if not self.causes:
             return ()
-        return (f"{self.share:.0%} of the misfit is explained by {in_words(self.causes)}.",)
+        return (f"{100 * self.share:.0f} % of the misfit is explained by {in_words(self.causes)}.",)
 
 
 def explained(

@@ -93,7 +93,7 @@ class FeatureEstimate(Estimate):
         levels: Levels | None = None,
         noise_warnings: tuple[str, ...] = (),
     ) -> "FeatureEstimate":
-        """Of fitted features or constants."""
+        """The estimate of fitted features."""
         if fit.quality is Quality.FAILED:  # its standard errors are not valid
             parameters = {name: (value, np.inf) for name, (value, _) in parameters.items()}
         observed = np.isfinite(fit.residual)
@@ -123,7 +123,7 @@ class FeatureEstimate(Estimate):
         noise: Any,
         levels: Levels | None = None,
     ) -> "FeatureEstimate":
-        """That the data are noise alone."""
+        """The estimate that the data are noise alone."""
         white, observed = whitener(noise, y.shape)
         rest = white.whitened(np.where(observed, y, 0.0))
         count = white.count(y.shape)
@@ -153,7 +153,8 @@ class FeatureEstimate(Estimate):
 
     @property
     def quality(self) -> Quality:
-        """Good, doubtful or failed; one whose standard errors hold its misfit has an answer."""
+        """Good, doubtful or failed. A misfit that is in the standard errors makes it doubtful, not
+        failed."""
         chi2, freedom = self.stats[CHI2], self.stats[FREEDOM]
         is_widened = self.fit is not None and self.fit.is_widened
         return quality(self.status, None if is_widened else chi2, self.warnings, freedom)
@@ -186,7 +187,7 @@ class FeatureEstimate(Estimate):
     def value(  # pyright: ignore[reportIncompatibleVariableOverride]
         self,
     ) -> Float[np.ndarray, "2 n"]:
-        """p and q [Pa] on the line, while sliding as the scan does, or at first."""
+        """p and q [Pa] on the line, for the direction in which the scan slides, or slides first."""
         level = np.reshape(self.background_Pa, (2, 1))
         if self.fit is None:
             return np.zeros((2, self.line.n)) + level
@@ -214,8 +215,8 @@ class FeatureEstimate(Estimate):
         return dataclasses.replace(self, line=line, are_cells=False)
 
     def of_problem(self, problem: Problem | LineProblem) -> "FeatureEstimate":
-        """The same estimate over the problem's uniform pressure and shear, as far as they are
-        known, and, where its samples are cells of a line, on that one."""
+        """The same estimate with the problem's uniform pressure and shear added, where they are
+        known. If the samples are cells of a line, it is on that line."""
         p, q = (0.0 if each is None else float(each) for each in problem.background_Pa)
         parts: dict[str, Any] = {"background_Pa": (p, q)}
         if problem.sensor is not None:
@@ -232,9 +233,11 @@ class FeatureEstimate(Estimate):
         return self._traction(cells)
 
     def profiles(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-        """What acts along the model's `scanned_line` while sliding towards +x, each with its
-        standard error to first order, infinite where the fit failed: p and q [Pa] beyond those of
-        the background, and of a surface its height and gap [m] and friction."""
+        """What acts along the model's `scanned_line` while the sensor slides towards +x.
+
+        p and q [Pa] without the background; of a surface also its height and gap [m] and friction.
+        Each has its standard error to first order, infinite where the fit failed.
+        """
         names = self.model.loading.PROFILES
         cells, none = self.model.scanned_line.n, np.zeros(self.model.scanned_line.n)
         if self.fit is None:
@@ -259,8 +262,8 @@ class FeatureEstimate(Estimate):
         return data._replace(title=title, variables=variables, notes=self._notes())
 
     def to_xarray(self) -> "xarray.Dataset":
-        """The arrays of any estimate; of a surface also height and gap [m] and friction along x,
-        where `line` is that of the fit."""
+        """The arrays of any estimate. Of a surface, on the fit's own line, also height and gap [m]
+        and friction along x."""
         data, names = super().to_xarray(), self.model.loading.PROFILES
         is_own_line = np.array_equal(self.line.x, self.model.scanned_line.x)
         if not is_own_line or len(names) == len(COMPONENTS):

@@ -111,7 +111,8 @@ class FeatureFit(Method):
         return self.candidate(self.features, problem)
 
     def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
-        """The fit of some of the features, or of none, to the stretch that all of them go by."""
+        """The fit of some of the features, or of none, to the stretch of the recording that is
+        chosen for all of them."""
         if isinstance(problem, LineProblem):
             return self._fitted(features, problem)
         stretch = stretch_of(problem, self.features)
@@ -150,12 +151,12 @@ class FeatureFit(Method):
         return _placed(estimate, problem)
 
     def many(self, problems: Sequence[Problem | LineProblem]) -> list[FeatureEstimate]:
-        """The estimate of each problem.
+        """The estimates of many problems.
 
         One feature of traction is fitted to all recordings of the same sensor, motion and noise at
-        once, each from where the search finds it; a minimum in one of them is a start for the
-        others, and what stays above the noise has a warning (see [`fit_many`][]). Else they are
-        fitted one after the other.
+        once. Each fit starts where its own search leads, and from the minima of the others. A
+        residual that still exceeds the noise has a warning (see [`fit_many`][]). All other problems
+        are fitted one after the other.
         """
         samples = [problem.samples() for problem in problems]
         is_batched = len(self.features) == 1 and not self.is_of_surface and not self.start

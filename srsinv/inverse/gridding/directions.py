@@ -56,8 +56,8 @@ def pressure_by_direction(
     share = float(np.std(p[0] - p[1]) / max(map(np.std, p)))
     return (
         "The passes towards +x and those towards -x do not show the same pressure: inverted by "
-        f"themselves they give pressures that differ by {share:.0%}, and together they leave "
-        f"{more:.3g} more in chi-square, of {freedom:.3g} degrees of freedom. The skin is "
+        f"themselves they give pressures that differ by {100 * share:.0f} %, and together they "
+        f"leave {more:.3g} more in chi-square, of {freedom:.3g} degrees of freedom. The skin is "
         "viscoelastic, the load or the stage's position changes with the direction, or drift or "
         "hum is on the signals (recording.drift, recording.mains_Hz): invert each way by "
         "recording.ways=onwards and recording.ways=back.",

@@ -189,7 +189,7 @@ class LineProblem(LineModel):
     - `noise_scale` (e, n): the noise's standard deviation in each cell in units of that of `noise`,
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
     - `nuisance` (e, column, n): what else may be on each element's signal, of unknown sizes that
-      are normal of variance one (see noise/nuisance.py). None: nothing.
+      are normal of variance one. None: nothing.
     - `known_mean_Pa` (c,) [Pa]: of each component its mean over the window, None where it is not
       known.
     - `background_Pa` (c,) [Pa]: of each component a uniform traction that continues beyond the
@@ -205,10 +205,10 @@ class LineProblem(LineModel):
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
     - `modulus_Pa` [Pa]: the skin's Young's modulus, as a [`Problem`][] has it.
     - `signal_unit`: of `data`; "1" where only the operator is known.
-    - `rig_sources`: the source of the error in each of these directions (rig/error.py).
+    - `rig_sources`: the source of the error in each of these directions.
     - `rig_stretch_m` [m]: how far one standard deviation of the rig moves the sensor in each cell.
     - `rig_changes`: the model's change by one standard deviation of the rig, the elements of one
-      direction after those of another (see line/rig_bands.py). None: no rig.
+      direction after those of another. None: no rig.
     - `rig_rows` (k, j): the independent directions of the rig's error, as sums of the j changes.
       None: each change is one.
 
@@ -305,8 +305,11 @@ class LineProblem(LineModel):
         scan_start_m: float | None = None,
         **known,
     ) -> "LineProblem":
-        """The problem of a sensor that slides along the line, one sample at each cell; `known` as
-        the class takes it. `scan_start_m`: where the scan starts, None: in the first cell."""
+        """The problem of a sensor that slides along the line, with one sample at each cell.
+
+        `known`: further arguments of the class. `scan_start_m` [m]: where the scan starts; None: in
+        the first cell.
+        """
         operator = sensor.operator(line, scan)
         of_signal = None if rig is None else rig.of_signals
         if of_signal is not None:
@@ -326,23 +329,24 @@ class LineProblem(LineModel):
         return cls(line, operator, data, noise, sensor=sensor, scan=scan, rig=rig, **known)
 
     def to_grid(self) -> "LineProblem":
-        """Itself, without the sensor: what is compiled for one problem then serves all sensors."""
+        """The same problem without its sensor, so that all sensors share its compiled programs."""
         if self.sensor is None:
             return self
         return with_fields(self, sensor=None, scan=None, scanned=None, passes=None, rig=None)
 
     def without_warnings(self) -> "LineProblem":
-        """Itself without its warnings, words for which all programs would be compiled anew."""
+        """The same problem without its warnings. Programs are compiled for each text: without
+        texts, problems share them."""
         return with_fields(self, warnings=())
 
     def rig_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "k e n"]:
-        """What one standard deviation of the rig, in each independent direction, changes of the
-        signals of a traction; nothing where samples are missing. None of a rig that is exact."""
+        """The changes of the signals of a traction by one standard deviation of the rig, in each
+        independent direction; 0 where samples are missing. None: the rig is exact."""
         changes, rows = self.changed_signals(traction), self.rig_rows
         return changes if rows is None else np.einsum("kj,jen->ken", rows, changes)
 
     def changed_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "j e n"]:
-        """The same for each of the rig's changes, of which `rig_rows` are the directions."""
+        """The same for each of `rig_changes`, whose independent sums `rig_rows` has."""
         if self.rig_changes is None:
             return np.zeros((0, *self.data.shape))
         operators, traction = in_numpy((self.rig_changes, self.forward)), np.asarray(traction)

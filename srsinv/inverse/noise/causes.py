@@ -57,7 +57,7 @@ class LikelyCause(NamedTuple):
         """The cause in a sentence: `an angle of element 2 of 80.1 degrees`."""
         name, *rest = self.name.replace("low_pass", "low-pass").split("_")
         if name == "saturation":
-            return f"a saturation, by {self.value:.0%} at the largest sample"
+            return f"a saturation, by {100 * self.value:.0f} % at the largest sample"
         if name in SIGNALS:
             return SIGNALS[name]
         if name == "depth":

@@ -94,9 +94,12 @@ class Fit(Views):
 
     @property
     def explains(self) -> bool | None:
-        """Whether the residual is no larger than the noise, by chi squared; None where the noise
-        was not known. Where it is False the standard errors, which are those of the noise, are too
-        small: the model is wrong, or the minimum is local, or some data are outliers."""
+        """Whether the residual is no larger than the noise, by its chi-square; None where the noise
+        is not known.
+
+        If not, the standard errors, which are those of the noise, are too small: the model is
+        wrong, the minimum is a local one, or some data are outliers.
+        """
         freedom = self.stats["degrees_of_freedom"]
         if self.noise_rms is not None:
             return None
@@ -225,51 +228,53 @@ class Fit(Views):
         return objective.whiten.whitened(signal).astype(float) / unit
 
     def moves(self, change: np.ndarray) -> np.ndarray:
-        """The moves (m,) of the free parameters, to first order, as the model's signal changes by
-        `change`, like the data; 0 along what the data do not determine."""
+        """The changes (m,) of the free parameters, to first order, if the data change by `change`,
+        of the data's shape; 0 in directions that the data do not determine."""
         by = self._objective.whiten.whitened(change).astype(float)
         factor = self._spread.factor
         return factor @ (factor.T @ (self.jacobian[: by.size].T @ by))
 
     def stopped_near(self) -> "Fit":
-        """The same fit as an answer that stopped short of its minimum, its errors with how far."""
+        """The same fit, marked as stopped short of its minimum. Its standard errors include the
+        distance to it."""
         distance = self.stats["distance_to_minimum"]
         wider = self._spread.times(float(np.hypot(1.0, distance)))
         return dataclasses.replace(self, status=Status.CONVERGED, _spread=wider)
 
     def moves_to(self, other: "Fit") -> np.ndarray:
-        """The moves (m,) of the free parameters that lead to another fit of the same."""
+        """The changes (m,) of the free parameters from this fit to another of the same model."""
         return other._z - self._z
 
     def with_error(self, moves: np.ndarray) -> "Fit":
-        """The same fit where the free parameters may also be off by each of `moves` (m, k)."""
+        """The same fit with further errors in its covariance: `moves` (m, k), each column a change
+        of the free parameters by one standard deviation."""
         return dataclasses.replace(self, _spread=self._spread.with_error(moves))
 
     def moves_by_noise(self) -> np.ndarray:
-        """The moves (m, m) of the free parameters, each by one standard deviation, that the noise
-        makes: without what is left open by their priors' means."""
+        """The errors (m, m) of the free parameters by noise: independent columns of one standard
+        deviation each. The errors of the priors' means are not in them."""
         own, factor = self.jacobian[: self.whitened.size], self._spread.factor
         strength, directions = np.linalg.eigh((own @ factor).T @ (own @ factor))
         return factor @ directions * np.sqrt(np.maximum(strength, 0.0))
 
     def with_misfit(self, moves: np.ndarray) -> "Fit":
-        """The same fit, with moves (m, k) of the parameters by the model's misfit included in its
-        standard errors. Its residual is then no reason to doubt them."""
+        """The same fit with its misfit in the standard errors: `moves` (m, k), each column a change
+        of the free parameters. The residual then no longer makes the fit fail."""
         return dataclasses.replace(self.with_error(moves), _narrower=self)
 
     @property
     def is_widened(self) -> bool:
-        """Whether what the model misses is in the standard errors."""
+        """Whether the standard errors contain the misfit."""
         return self._narrower is not None
 
     @property
     def without_misfit(self) -> "Fit":
-        """The same fit, without what the model misses in its standard errors."""
+        """The same fit, its standard errors without the misfit."""
         return self if self._narrower is None else self._narrower
 
     def moved(self, moves: np.ndarray) -> "Fit":
-        """The same fit with its free parameters moved by `moves` (m,): for what is derived from
-        them, not for its residual."""
+        """The same fit with its free parameters changed by `moves` (m,). Its residual stays that of
+        the old values."""
         z, layout = self._z + moves, self._objective.layout
         row = np.array(self._objective.row, float)
         row[np.asarray(layout.free)] = z
@@ -290,10 +295,12 @@ class Fit(Views):
     ) -> tuple[Any, Any]:
         """A function of the parameters, and its standard error to first order (the delta method).
 
-        `function` maps the tree of parameters to a number or an array (k,). With `steps` its
-        gradient is taken by central differences: over these steps for the parameters named, else
-        over its standard error. Infinite standard errors where the data do not determine it. It is
-        compiled at each call, once for all where it is an equinox module.
+        - `function` maps the tree of parameters to a number or an array (k,). It is compiled in
+          each call; an equinox module is compiled once.
+        - `steps`: `{name: step}` for parameters whose derivative is a central difference over this
+          step, over one standard error for the other parameters; None: derivatives by JAX.
+
+        The standard error is infinite where the data do not determine the function.
         """
 
         # Compiled whole: operation by operation takes seconds where a traction is derived.

@@ -119,8 +119,9 @@ def fit_many(
     The minima reached for some of the data are starts for the others. Where one of them explains
     data better than the minimum that their own start led to, they are searched again from there. A
     fit whose residual still exceeds the known noise has a warning that its minimum may be a false
-    one; by chance alone one good fit in a thousand has it. Solvers other than [`Optimistix`][] fit one after
-    the other. Raises `BadInput` as `fit` does, and for priors where the noise is not known.
+    one; by chance alone one good fit in a thousand has it. Solvers other than [`Optimistix`][]
+    fit one after the other. Raises `BadInput` as `fit` does, and for priors where the noise is not
+    known.
     """
     unknowns = parameters(initial, bounds, free, linear)
     ys = checked_data(ys)
