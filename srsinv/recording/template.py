@@ -23,10 +23,10 @@ ELEMENT = {
     "offset_m": "along x from the sensor's origin; null is 0",
 }
 CONTACT = {
-    "nominal_pressure_Pa": "mean pressure over the contact window",
+    "nominal_pressure_Pa": "pressure beside the feature: normal force over area of contact",
     "contact_window_m": "[start, end] of the contact along x, such as [-0.005, 0.025]",
 }
-FEATURE = {"edge_length_m": "over which the feature's edge rises"}
+FEATURE = {"edge_length_m": "rise of the feature's edge from 10 to 90 %, divided by 2.2"}
 _SPEED = {"speed_m_per_s": "of sliding along x, where it was constant; below 0 towards -x"}
 _RATE = {"sample_rate_hz": "samples a second: the file has no times"}
 # Keys without which no inversion in Pa is possible, where they are blank.
