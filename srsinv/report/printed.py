@@ -60,8 +60,8 @@ def _blocks(data: xarray.Dataset, most_rows: int | None = None) -> Iterator[Para
         unobserved = data.attrs.get("mean_unobserved", "").replace(",", " and ")
         if unobserved:
             yield Paragraph(
-                f"The signal does not show the mean of {unobserved}: values and standard errors are "
-                "those up to a constant."
+                f"The signal does not show the mean of {unobserved}: values and standard errors "
+                "are those up to a constant."
             )
 
 
