@@ -125,7 +125,7 @@ class LaunchedTask:
             if refusal := fault_in_plugin(error) or too_little_memory(error):
                 return Outcome(say(refusal), str(refusal))
             traceback.print_exception(error)
-            return Outcome(FAULT, f"{type(error).__name__}: {error}")
+            return Outcome(FAULT, _reason(error))
         finally:
             release_programs()
         return Outcome(DONE)
@@ -163,6 +163,13 @@ class LaunchedTask:
             files = render(result, _record(config), command, settings.get("figures", "page"))
         seed, plugins = settings.get("seed"), plugin_files(settings)
         return result, lambda held: held.replace(files, command, seed, plugins, known_by)
+
+
+def _reason(error: BaseException) -> str:
+    """Why a job failed; a scheduler's signal arrives as an exit."""
+    if isinstance(error, SystemExit) and isinstance(error.code, int) and error.code > 128:
+        return f"stopped by a signal, as at a time limit (exit code {error.code})"
+    return f"{type(error).__name__}: {error}"
 
 
 def _record(config: DictConfig) -> dict[str, str]:

@@ -10,7 +10,6 @@ from ..forward.snap_back import SnapBackNoise as Bursts
 from ._effect import NoiseEffect, Order
 from ._reference import ReferenceSpectra
 
-LOG_RARITY = 9.2  # minus the logarithm of the odds, 1e-4, that a passage has bursts that are louder
 LOG_RARITY = 9.2  # odds of 1e-4 that the bursts of a passage are louder than their bound
 PEAK = 5.0  # times its rms, which a Gaussian amplitude is beyond once in two million
 

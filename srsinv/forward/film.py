@@ -276,8 +276,8 @@ class Film(eqx.Module):
         return dataclasses.replace(self, is_at_origin=True)
 
     def with_strip_average(self) -> "Film":
-        """The same film, whose charge is the mean over its width. Gradients do not reach the width
-        and the depth of this mean: they are plain numbers in it."""
+        """The same film, whose charge is the mean over its width. The mean takes width and depth
+        as plain numbers: a gradient by either does not include what the mean itself changes."""
         return self.with_effect(StripAverage.at_depth(float(self.width_m), float(self.depth_m)))
 
     def backward(self) -> "Film":
