@@ -1,13 +1,14 @@
 """Plans: the search on ways whose errors and times are known, and the job on scenes."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from srsinv.errors import BadInput
 from srsinv.jobs._plan_recipes import Recipe, RecipeOutcome, Recipes
-from srsinv.jobs._plan_search import climb, search
+from srsinv.jobs._plan_search import Plan, climb, search
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
@@ -94,6 +95,14 @@ def test_what_cannot_be_reached_is_the_most_exact():
     assert plan.error > 1e-7
     assert plan.outcome is plan.beside
     assert plan.outcome.cells == 1024
+
+
+def test_a_first_call_compiles_what_another_trial_has_compiled():
+    recipes = KnownRecipes(2.0, 1.0)
+    first, fewer = recipes.coarsest, recipes.coarsest.with_(effects=())
+    took = {first: 7.0, fewer: 0.01, first.with_(path="iterative"): 9.0}
+    every = tuple(replace(recipes.run(each), first_s=took[each]) for each in took)
+    assert Plan(every[1], 0.0, every[0], 0.0, every, {}).first_call_s == 7.0
 
 
 @pytest.mark.parametrize("order", [0.5, 1.0, 1.6, 2.0])
