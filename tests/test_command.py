@@ -26,7 +26,7 @@ from srsinv.report.section import WrittenSection
 from srsinv.report.terminal import print_table
 from srsinv.report.text import format_value
 from srsinv.report.words import Table
-from srsinv.run_folder import claim
+from srsinv.run_folder import RunRecord, claim
 from tests.tiers import quick
 
 CONFIG = """\
@@ -517,7 +517,7 @@ def section(heading, words, draw=draw):
 
 def write(made, folder, record, command="srsinv"):
     with claim(folder) as workspace:
-        workspace.replace(render(made, record, command), command, 0)
+        workspace.replace(render(made, record, command), RunRecord(command, 0))
 
 
 class TestPage:

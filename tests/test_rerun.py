@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from srsinv.__main__ import main
-from srsinv.run_folder import MANIFEST, listing, manifest
+from srsinv.run_folder import MANIFEST, RunRecord, listing, manifest
 from tests.stability import killed
 from tests.tiers import quick
 
@@ -35,7 +35,8 @@ def forged(command, folder="foreign"):
     """The folder of a run of somebody else, which records this command."""
     Path(folder).mkdir()
     Path(folder, "metrics.json").write_bytes(b"{}\n")
-    Path(folder, MANIFEST).write_bytes(manifest(listing({"metrics.json": b"{}\n"}), command, 0))
+    files = listing({"metrics.json": b"{}\n"})
+    Path(folder, MANIFEST).write_bytes(manifest(files, RunRecord(command, 0)))
     return folder
 
 

@@ -16,7 +16,7 @@ import pytest
 from srsinv import __version__
 from srsinv.__main__ import find_config_root, main
 from srsinv.errors import BadInput
-from srsinv.run_folder import MANIFEST, check, claim, commit_of
+from srsinv.run_folder import MANIFEST, RunRecord, check, claim, commit_of
 from tests.stability import killed
 from tests.tiers import quick
 
@@ -158,14 +158,14 @@ class TestForeignFiles:
             write("late.txt")(folder)
             before = snapshot(folder)
             with pytest.raises(BadInput, match=r"late\.txt"):
-                workspace.replace({"metrics.json": b"2"}, "srsinv", 0)
+                workspace.replace({"metrics.json": b"2"}, RunRecord("srsinv", 0))
         assert snapshot(folder) == before
         assert os.listdir(tmp_path) == ["run"]
 
     def test_a_folder_that_goes_while_the_job_runs(self, tmp_path):
         with claim(tmp_path / "run") as workspace:
             (tmp_path / "run").rmdir()
-            workspace.replace({"metrics.json": b"2"}, "srsinv", 0)
+            workspace.replace({"metrics.json": b"2"}, RunRecord("srsinv", 0))
         assert (tmp_path / "run" / "metrics.json").read_bytes() == b"2"
 
     def test_a_sidecar_that_was_filled_in(self, tmp_path, monkeypatch, capsys):
@@ -333,7 +333,7 @@ class TestEarlierRuns:
         killed.page(folder, 1.0)
         with claim(folder) as workspace:
             files = {**dict.fromkeys(killed.PAGE, b"x"), "figures/other.png": b"y"}
-            workspace.replace(files, "srsinv", 1)
+            workspace.replace(files, RunRecord("srsinv", 1))
         if place in ("current", "around the current"):
             monkeypatch.chdir(folder if place == "current" else folder / "figures")
         names = {"by name": folder, "current": "."}

@@ -25,7 +25,7 @@ from omegaconf import DictConfig, OmegaConf, open_dict, read_write
 from ..config import check_early, sections
 from ..errors import BadInput, printable, refuse
 from ..namespaces import fault_in_plugin, load_job, open_plugins, plugin_files
-from ..run_folder import RunFolder, claim
+from ..run_folder import RunFolder, RunRecord, claim
 from .compilation_cache import compilation_cache
 from .folders import run
 from .hydra_settings import check_hydra_settings, check_typed
@@ -162,7 +162,7 @@ class LaunchedTask:
             command = self.command(HydraConfig.get().overrides.task)
             files = render(result, _record(config), command, settings.get("figures", "page"))
         seed, plugins = settings.get("seed"), plugin_files(settings)
-        return result, lambda held: held.replace(files, command, seed, plugins, known_by)
+        return result, lambda held: held.replace(files, RunRecord(command, seed, plugins, known_by))
 
 
 def _reason(error: BaseException) -> str:

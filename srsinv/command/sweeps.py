@@ -13,7 +13,7 @@ from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
 from ..errors import printable, refuse
-from ..run_folder import FAILURES, GATHERED, hold, writing
+from ..run_folder import FAILURES, GATHERED, RunRecord, hold, writing
 from .folders import RECORD, check_sweep, hint_at_remains, marked, no_empty_folders
 from .interrupts import uninterrupted
 from .launchers import batch_size, outcomes
@@ -55,7 +55,7 @@ def sweep(context: HydraContext, task: Any, config: DictConfig, command: str) ->
         seed = cast(dict[str, Any], OmegaConf.to_container(config, resolve=False)).get("seed")
 
         def put(files: Mapping[str, bytes]) -> None:
-            uninterrupted(lambda: held.put_in({**record, **files}, command, seed))
+            uninterrupted(lambda: held.put_in({**record, **files}, RunRecord(command, seed)))
 
         def has_results() -> bool:
             return not names.isdisjoint(known_runs(held.place))

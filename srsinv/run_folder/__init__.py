@@ -20,6 +20,7 @@ from ._manifest import GATHERED as GATHERED
 from ._manifest import MANIFEST as MANIFEST
 from ._manifest import METRICS_FILE as METRICS_FILE
 from ._manifest import MOST_OF_METRICS as MOST_OF_METRICS
+from ._manifest import RunRecord as RunRecord
 from ._manifest import described as described
 from ._manifest import described_in as described_in
 from ._manifest import described_runs as described_runs

@@ -9,7 +9,6 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from srsinv.atomic import (
     exchange,
@@ -26,6 +25,7 @@ from srsinv.errors import BadInput, refuse
 
 from ._manifest import (
     MANIFEST,
+    RunRecord,
     check_known,
     check_ours,
     holds,
@@ -35,7 +35,6 @@ from ._manifest import (
     names_of_run,
     own_manifest,
 )
-from ._origin import origin
 from ._place import REMEDY, locate, named, writing
 
 _FIRST = "first"  # in a folder of what is put in one by one: the manifest until all are
@@ -53,35 +52,20 @@ class RunFolder:
     place: Path
     descriptor: int
 
-    def replace(
-        self,
-        files: Mapping[str, bytes],
-        command: str,
-        seed: Any,
-        plugins: Mapping[str, str] | None = None,
-        configuration: str | None = None,
-    ) -> None:
+    def replace(self, files: Mapping[str, bytes], run: RunRecord) -> None:
         """Replace all files of an earlier run by `files` (contents by name, with slashes) and their
-        manifest, which has the SHA-256 of `plugins` and of the resolved `configuration`, too.
+        manifest.
 
         The current folder, one that is mounted and one beside which nothing can be made get the
         files one by one. Raises `BadInput` where they cannot be written, and where the folder has
         files that no run wrote.
         """
-        record = manifest(listing(files), command, seed, plugins, configuration, origin())
         with writing(self.place):
-            if not self._swap({**files, MANIFEST: record}):
+            if not self._swap({**files, MANIFEST: manifest(listing(files), run)}):
                 check_ours(self.descriptor, self.place)
-                self.put_in(files, command, seed, plugins, configuration)
+                self.put_in(files, run)
 
-    def put_in(
-        self,
-        files: Mapping[str, bytes],
-        command: str,
-        seed: Any,
-        plugins: Mapping[str, str] | None = None,
-        configuration: str | None = None,
-    ) -> None:
+    def put_in(self, files: Mapping[str, bytes], run: RunRecord) -> None:
         """Put files into the folder one by one, in place of those that its manifest lists, and
         their manifest, as `replace` does.
 
@@ -93,11 +77,8 @@ class RunFolder:
         before: dict[str, str] = {}
         for each in reversed(known):
             before |= each
-        described = listing(files), command, seed, plugins, configuration, origin()
-        both = {
-            MANIFEST: manifest(*described),
-            _FIRST: manifest(*described, replaces=before),
-        }
+        coming = listing(files)
+        both = {MANIFEST: manifest(coming, run), _FIRST: manifest(coming, run, before)}
         ours = {name: {each[name] for each in known if name in each} for name in (*files, *before)}
         ours[MANIFEST] = {*listing(both).values(), *own_manifest(self.descriptor)}
         for name in (*files, MANIFEST):

@@ -11,6 +11,7 @@ import json
 import os
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -18,6 +19,7 @@ from srsinv import __version__
 from srsinv.atomic import SCRATCH, is_scratch, opened, plain_file
 from srsinv.errors import BadInput, refuse
 
+from ._origin import origin
 from ._place import REMEDY, named
 
 MANIFEST = "run.json"
@@ -44,25 +46,33 @@ def listing(files: Mapping[str, bytes]) -> Listing:
     return {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
 
 
-def manifest(
-    files: Listing,
-    command: str,
-    seed: Any,
-    plugins: Listing | None = None,
-    configuration: str | None = None,
-    origin: Mapping[str, Any] | None = None,
-    replaces: Listing | None = None,
-) -> bytes:
-    """The manifest of a run: the version, the command, the seed and every file's SHA-256, and where
-    they are given those of `plugins`, the hash of its resolved `configuration` and its `origin`
-    (date, versions, commit). While files are put in one by one, `replaces` lists those that were
-    there before.
+@dataclass(frozen=True)
+class RunRecord:
+    """What a manifest has of a run beside its files.
+
+    - `command`, `seed`: as typed.
+    - `plugins`: the SHA-256 of each; `configuration`: the hash of the resolved one; None: of none.
+    - `origin`: its date, versions and commit.
+    """
+
+    command: str
+    seed: Any
+    plugins: Listing | None = None
+    configuration: str | None = None
+    origin: Mapping[str, Any] = field(default_factory=origin)
+
+
+def manifest(files: Listing, run: RunRecord, replaces: Listing | None = None) -> bytes:
+    """The manifest of a run: the version, every file's SHA-256 and the record. While files are put
+    in one by one, `replaces` lists those that were there before.
 
     The same arguments give the same bytes.
     """
-    whole = {"command": command, "files": files, "seed": seed, "version": __version__}
-    whole |= origin or {}
-    more = {"plugins": plugins or None, "configuration": configuration, "replaces": replaces}
+    whole = {"command": run.command, "files": files, "seed": run.seed, "version": __version__}
+    whole |= run.origin
+    more = {
+        "plugins": run.plugins or None, "configuration": run.configuration, "replaces": replaces
+    }  # fmt: skip
     return _text(whole | {key: value for key, value in more.items() if value is not None})
 
 

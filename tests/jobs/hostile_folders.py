@@ -10,7 +10,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from srsinv.run_folder import FAILURES, MANIFEST, listing, manifest
+from srsinv.run_folder import FAILURES, MANIFEST, RunRecord, listing, manifest
 
 ESCAPES = "\x1b[31m\x9b\u202e\u2028"
 FIELDS = ("job", "jobs", "setting", "status", "reason", "shown", "metric_shown", "jobs_failed")
@@ -22,7 +22,9 @@ def a_run(folder: Path, metrics: Any, command: str = "srsinv a=1", arrays: Make 
     folder.mkdir(parents=True)
     text = metrics if isinstance(metrics, bytes) else json.dumps(metrics).encode()
     (folder / "metrics.json").write_bytes(text)
-    (folder / MANIFEST).write_bytes(manifest(listing({"metrics.json": text}), command, 0))
+    (folder / MANIFEST).write_bytes(
+        manifest(listing({"metrics.json": text}), RunRecord(command, 0))
+    )
     if arrays is not None:
         arrays(folder / "result.nc")
 

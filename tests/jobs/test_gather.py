@@ -14,7 +14,7 @@ from srsinv.errors import BadInput
 from srsinv.jobs._swept import failed_jobs
 from srsinv.jobs.gather import gathered
 from srsinv.report.data import dataset, scalars
-from srsinv.run_folder import GATHERED, MANIFEST, claim
+from srsinv.run_folder import GATHERED, MANIFEST, RunRecord, claim
 from tests.golden.check import golden_test
 from tests.jobs.hostile_folders import FOLDERS
 from tests.jobs.run import ROOT, command, short_run
@@ -33,7 +33,7 @@ def a_run(folder: Path, typed: str, metrics: dict, arrays: xarray.Dataset | None
     if arrays is not None:
         files["result.nc"] = bytes(arrays.to_netcdf(engine="h5netcdf"))
     with claim(folder) as workspace:
-        workspace.replace(files, f"srsinv --config-dir mine {typed}", 0)
+        workspace.replace(files, RunRecord(f"srsinv --config-dir mine {typed}", 0))
 
 
 class TestDataset:

@@ -19,7 +19,7 @@ from srsinv.recording import Recording, save
 from srsinv.report.data import dataset, scalars
 from srsinv.report.result import Result
 from srsinv.report.section import WrittenSection
-from srsinv.run_folder import claim
+from srsinv.run_folder import RunRecord, claim
 
 PAGE = (
     "metrics.json", "result.nc", "report.html", "figures/signal.png", "notes.yaml",
@@ -94,7 +94,7 @@ def page(folder: Path, value: float) -> None:
     files = dict.fromkeys(PAGE, f"of {value}".encode())
     files["metrics.json"] = json.dumps({"value": value}).encode()
     with claim(folder) as workspace:
-        workspace.replace(files, "srsinv", 0)
+        workspace.replace(files, RunRecord("srsinv", 0))
 
 
 def page_here(folder: Path, value: float) -> None:
