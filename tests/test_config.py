@@ -81,11 +81,7 @@ HOSTILE = {
     ),
     "a function": ("skin", lambda p: called(p, "srsinv.errors.refuse"), "not a class"),
     "a method": ("skin", lambda p: called(p, "srsinv.grid.Line.operator"), "not a class"),
-    "another kind": (
-        "skin",
-        lambda p: called(p, "srsinv.grid.Periodic"),
-        "subclass of srs",
-    ),
+    "another kind": ("skin", lambda p: called(p, "srsinv.grid.Periodic"), "subclass of srs"),
     "another module's name for it": (
         "skin",
         lambda p: called(p, "srsinv.forward.sensor.HalfSpace"),

@@ -62,10 +62,13 @@ def test_every_public_name_explains_its_arguments(public):
     for name, argument in inspect.signature(public).parameters.items():
         if argument.kind is inspect.Parameter.VAR_KEYWORD or name.startswith("_"):
             continue
-        about = [item[item.index(f"`{name}`") :] for item in items if f"`{name}`" in item]
+        about = [each for item in items for each in item.split(f"`{name}`")[1:]]
         assert about, f"{name} is not explained"
         unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), None)
-        assert unit is None or any(f"[{unit}]" in each for each in about), f"{name}: [{unit}]?"
+        with_unit = rf"(, `\w+`)*( \([\w ,]+\))? \[{unit}\]"  # behind the last name of a row
+        assert unit is None or any(re.match(with_unit, each) for each in about), (
+            f"{name}: [{unit}]?"
+        )
         is_array = re.search(r"(Float|Complex|Bool)\[[^'\"]*['\"][^'\"]+|ndarray'>$", str(argument))
         assert not is_array or any("(" in each for each in about), f"{name}: of which shape?"
 

@@ -135,26 +135,25 @@ def undocumented(configs: Path) -> list[str]:
 
 
 def _comments(groups: dict[str, dict[str, list[Key]]]) -> dict[str, str]:
-    """Comments by what a key may go by, see `_known_as`, the first of each."""
+    """Comments by the names of keys, see `_names`, the first of each."""
     found: dict[str, str] = {}
     for key in (key for options in groups.values() for own in options.values() for key in own):
-        for name in _known_as(key.name)[:2] if key.comment else ():
+        for name in _names(key.name) if key.comment else ():
             found.setdefault(name, key.comment)
     return found
 
 
-def _known_as(name: str) -> list[str]:
-    """What a key may go by: its name, and that of the same key in a sibling, with a star for it:
-    sensor.elements.*.strip_width_m; then the same without what is above the group, as of a scene
-    that an experiment lists."""
-    parts = name.split(".")
-    whole = [parts[i:] for i in range(max(len(parts) - 1, 1))]
-    return [".".join(each) for part in whole for each in (part, [*part[:-2], "*", part[-1]])]
+def _names(name: str) -> tuple[str, str]:
+    """A key's name, and that of the same key in a sibling: sensor.elements.*.strip_width_m."""
+    *above, _, last = ["", *name.split(".")]
+    return name, ".".join([*above, "*", last])
 
 
 def _filled(keys: list[Key], comments: dict[str, str]) -> list[Key]:
     def comment(key: Key) -> str:
-        known = (comments[name] for name in _known_as(key.name) if name in comments)
+        # In a scene that an experiment lists, the group stands below further names.
+        places = (key.name.split(".", above)[above] for above in range(key.name.count(".") or 1))
+        known = (comments[name] for place in places for name in _names(place) if name in comments)
         return key.comment or next(known, "")
 
     return [replace(key, comment=comment(key)) for key in keys]

@@ -336,7 +336,7 @@ class Film(eqx.Module):
 
     @property
     def place(self) -> tuple[LineEffect, ...]:
-        """The effect that its offset makes; none for a film without offset."""
+        """The effect of its offset; none where the model leaves the offset out."""
         return () if self.is_at_origin else (Offset(self.offset_m),)
 
     @property

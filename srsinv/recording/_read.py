@@ -97,7 +97,7 @@ def load(
     - speed (m/s, cm/s, mm/s, um/s, nm/s): `speed_m_per_s`, `Stage velocity [mm/s]`, or
       `speed_column`; or none, with a position or the number `speed_m_per_s`.
     - position (m, cm, mm, um, nm) along x: `position_m`, `Stage pos (mm)`, or `position_column`; or
-      none. Without a speed column the speed is the derivative of a spline through the positions.
+      none. Without a speed column the speed is derived from the positions, rounded ones too.
     - signals: those that `channels` lists; or `voltage_0_V`, `voltage_1_mV`, ... in the order of
       their numbers; or all in V, mV or uV, as `Ch A [V]`, and all called channels, as `AI0`; or all
       that is left in WAV, FLAC and TDMS.

@@ -23,13 +23,13 @@ class Recording:
     Arrays are stored as read-only float64 copies.
 
     - `signal`: (element, sample), in `signal_unit`; NaN marks a missing sample.
-    - `time_s`: (sample,), strictly increasing [s], from any origin.
-    - `speed_m_per_s`: (sample,), sliding speed along x [m/s].
+    - `time_s` (sample,) [s]: strictly increasing, from any origin.
+    - `speed_m_per_s` (sample,) [m/s]: sliding speed along x.
     - `channels`: the elements' names, in the order of `signal`'s rows.
     - `sidecar`: the experimenter's facts, a nested dict with SI units in its keys.
     - `signal_unit`: "V", "counts" or another.
     - `name`: for messages and titles; the file's name when it was loaded.
-    - `measured_position_m`: (sample,), position along x [m] where it was measured, else None.
+    - `measured_position_m` (sample,) [m]: position along x where it was measured, else None.
     - `missing_rows`, `gaps`: number of rows missing by the times, and of gaps; they are missing
       samples.
     - `notes`: what was done while the file was read, in sentences; `doubts`: what is uncertain
