@@ -29,6 +29,11 @@ class Method(eqx.Module):
         del problem
         return None
 
+    @property
+    def chooses_prior(self) -> bool:
+        """Whether a rule chooses levels of its prior from a problem's signals."""
+        return False
+
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
         """Its Gaussian prior, with the weights that its rule chooses on `problem`; for any problem.
 

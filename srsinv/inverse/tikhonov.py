@@ -154,13 +154,22 @@ class Tikhonov(Method):
         how, warnings = (self.path, self.tolerance), undetermined_weights(status)
         return solve(problem, prior, *how, stats=stats, warnings=warnings)
 
+    @property
+    def chooses_prior(self) -> bool:
+        return self.weight_p is None or self.weight_q is None
+
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
         problem = problem.to_grid()  # without its sensor, which may hold words
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         weights = _known(given)
         weights = 10.0 ** self._choose(problem, given).log_weights if weights is None else weights
-        prior = DerivativePenalty(weights, self.length_m, self.order)
-        return lambda _: prior
+
+        def of(each: LineProblem) -> Prior:
+            # The penalty is a sum over cells: of wider ones each stands for more.
+            wider = float(each.line.cell_m) / float(problem.line.cell_m)
+            return DerivativePenalty(wider * weights, self.length_m, self.order)
+
+        return of
 
     def _choose(self, problem: LineProblem, given: Weights) -> Choice:
         """The rule's choice of the weights that are not given."""

@@ -175,9 +175,16 @@ class Wiener(Method):
     def spectra(self, problem: LineProblem) -> Float[Array, "c k"]:
         return _powers(problem.without_warnings(), (self.p, self.q)[: problem.unknowns])
 
+    @property
+    def chooses_prior(self) -> bool:
+        return self.scale == "evidence"
+
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
-        del problem  # nothing is chosen: the spectra as they are given
-        return lambda each: SpectralPrior(self.spectra(each))
+        problem = problem.to_grid()
+        scale = np.ones(problem.unknowns)
+        if self.chooses_prior:
+            scale = np.asarray(_likely_scale(problem, self.spectra(problem), self.path)[0])
+        return lambda each: SpectralPrior(scale[:, None] * self.spectra(each))
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:

@@ -121,11 +121,13 @@ def test_length_only_rescales_the_weight():
 
 
 def test_a_fixed_prior_has_the_weights_that_the_rule_chose():
-    """On another line too, where the rule would choose others."""
+    """On another line too, where the rule would choose others; of wider cells each counts for more,
+    as the penalty is a sum over cells."""
     problem, longer = make_case().problem, make_case(n=47).problem
     stats = Tikhonov()(problem).stats
     prior = Tikhonov().prior_fixed_on(problem)(longer)
-    weights = [stats[f"weight_{c}_per_Pa2"] for c in "pq"]
+    wider = float(longer.line.cell_m / problem.line.cell_m)
+    weights = [wider * stats[f"weight_{c}_per_Pa2"] for c in "pq"]
     fixed = solve(longer, prior, "auto", 1e-10)
     assert relative(fixed.value, Tikhonov(1, *weights)(longer).value) < 1e-9
 
