@@ -52,6 +52,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.features.method import FeatureFit as FeatureFit
     from .inverse.line.problem import LineProblem as LineProblem
     from .inverse.line.rule import Evidence as Evidence
+    from .inverse.live.live import Live as Live
+    from .inverse.live.live import LiveCells as LiveCells
     from .inverse.nonlinear import Fit as Fit
     from .inverse.nonlinear import fit as fit
     from .inverse.nonlinear import fit_many as fit_many
@@ -76,6 +78,8 @@ _MODULES = {
     "Fit": "inverse.nonlinear",
     "Line": "grid",
     "LineProblem": "inverse.line.problem",
+    "Live": "inverse.live.live",
+    "LiveCells": "inverse.live.live",
     "Motion": "forward.scan",
     "Open": "grid",
     "Periodic": "grid",

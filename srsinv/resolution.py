@@ -10,6 +10,8 @@ _IN_A_DEPTH = {
     "inversion": 16,
     # The error of cells falls at least as they do: what is left is a few parts in a thousand.
     "converged_inversion": 64,
+    # Half as many, as each costs time: p and q that are averaged over such a cell are as good.
+    "live": 8,
     # Each half of the cells then has one every 0.4 depths, where e^(-k z) is 4e-4.
     "comparison": 5,
     # The signal of a load's edge is then right to 1e-6 of its peak, of a line load to 1e-5.

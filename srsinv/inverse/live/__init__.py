@@ -1,0 +1,1 @@
+"""Live inversion: p and q while the finger slides, with a fixed delay."""
