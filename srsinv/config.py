@@ -309,6 +309,18 @@ def recorded_problem(
         )
 
 
+def streamed_problem(cfg: Config, recording: Recording) -> Problem:
+    """The problem of the first rows of a stream, by the sensor that the sidecar and the
+    configuration describe: what a live inversion knows before it begins."""
+    from .inverse.noise.model import SampleNoise
+    from .recorded import sensor_of, stated_problem
+
+    rms = parts.stated_white_rms(part(cfg, "noise"), recording)
+    nodes = {**_sensor_nodes(cfg), "effects": _sensor_effect_nodes(cfg)}
+    noise = SampleNoise(1.0 if rms is None else rms, is_estimate=rms is None)
+    return stated_problem(recording, sensor_of(recording, nodes), noise, friction(cfg))
+
+
 def features(cfg: Config) -> dict[str, Feature]:
     """The named features of traction, to be fitted as a sum."""
     named = part(cfg, "feature")

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 
 _lock = threading.Lock()  # of what follows
+_stopping: list[threading.Event] = []  # of bodies that end themselves
 _running: list["_Stage"] = []  # the nested stages that are shown, the innermost last
 _bars: list["Progress"] = []  # their lines on a terminal, one at most
 
@@ -25,6 +26,24 @@ _bars: list["Progress"] = []  # their lines on a terminal, one at most
 def say(sentence: str) -> None:
     """Print a sentence on standard error."""
     print(f"srsinv: {sentence}", file=sys.stderr, flush=True)
+
+
+@contextmanager
+def stopping() -> Iterator[threading.Event]:
+    """An event that a signal to end the command sets while the body runs: the body ends itself."""
+    event = threading.Event()
+    _stopping.append(event)
+    try:
+        yield event
+    finally:
+        _stopping.remove(event)
+
+
+def stop() -> bool:
+    """Set the events of all bodies that end themselves; whether there is one."""
+    for event in _stopping:
+        event.set()
+    return bool(_stopping)
 
 
 @contextmanager

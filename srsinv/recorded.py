@@ -135,6 +135,37 @@ def problem_of(
     return with_fields(problem, rig=rig, warnings=(*warnings, *operator.warnings(acts)))
 
 
+def stated_problem(
+    recording: Recording, sensor: Sensor, noise: SampleNoise, friction: Any = None
+) -> Problem:
+    """The problem of a few samples of a recording, with what the facts state and nothing that has
+    to be found in the signals: neither noise nor drift, mains, or the elements' wiring.
+
+    Raises `BadInput` where the facts ask to find drift or mains.
+    """
+    for key in ("mains_Hz", "drift"):
+        refuse(
+            recording.sidecar.get(key) == "auto",
+            f"recording.{key}=auto needs a whole recording: give a number, or recording.path=FILE, "
+            "an earlier recording of the sensor.",
+        )
+    _check_elements(recording, sensor.elements)
+    _check_unit(recording, sensor)
+    drift, mains = recording.sidecar.get("drift"), recording.sidecar.get("mains_Hz")
+    named = [] if mains is None else [float(each) for each in np.ravel(mains)]
+    white, own_drift = np.asarray(noise.white), 0.0 if drift is None else np.ravel(drift).tolist()
+    return Problem(
+        sensor,
+        motion_of(recording),
+        recording.signal,
+        SampleNoise(white, is_estimate=noise.is_estimate, drift=own_drift),
+        friction=friction,
+        nominal_pressure_Pa=recording.sidecar.get("nominal_pressure_Pa"),
+        mains=tuple(MainsLine(each, 0.0, np.zeros(len(recording.channels))) for each in named),
+        name=recording.name,
+    )
+
+
 def _rig_error(recording: Recording, sensor: Sensor, operator: OperatorModel) -> SensorError | None:
     """How well the sensor and what stands beside it are known."""
     facts, name = recording.sidecar, recording.name

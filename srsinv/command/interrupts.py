@@ -1,4 +1,6 @@
-"""SIGINT (Ctrl-C), SIGTERM and SIGHUP end the command in good order, and a second one at once."""
+"""SIGINT (Ctrl-C), SIGTERM and SIGHUP end the command in good order, and a second one at once.
+
+A job that reads a stream ends as at the stream's end (`progress.stopping`)."""
 
 import atexit
 import contextvars
@@ -120,6 +122,8 @@ def _listening() -> Iterator[None]:
 def _stop(number: int, frame: FrameType | None) -> None:
     for each in _ENDING:  # SIGTERM and SIGHUP often come together
         signal.signal(each, _end if each == signal.SIGINT else signal.SIG_IGN)
+    if progress.stop():  # a job that ends in good order by itself
+        return
     raise Stopped(number)
 
 

@@ -117,8 +117,10 @@ class LaunchedTask:
         try:
             with claim(folder) as held:
                 result, write = in_own_thread(lambda: self._run(config))
-                uninterrupted(lambda: write(held))
-            _show_result(result, folder)
+                if result is not None:
+                    uninterrupted(lambda: write(held))
+            if result is not None:
+                _show_result(result, folder)
         except BadInput as refusal:
             return Outcome(say(refusal), str(refusal))
         except (Exception, SystemExit) as error:
@@ -145,7 +147,8 @@ class LaunchedTask:
         return shlex.join(["srsinv", *self.flags, *overrides])
 
     def _run(self, config: DictConfig) -> tuple[Any, Callable[[RunFolder], None]]:
-        """The job's result, and what writes the files of its run."""
+        """The job's result, and what writes the files of its run; None of a job that prints what it
+        finds, and leaves nothing."""
         settings = resolved(config)
         known_by = identity(settings, self.config_dir)
         note_change(known_by, self.recorded)
@@ -154,7 +157,10 @@ class LaunchedTask:
         job = started_with_jax(lambda: load_job(settings["job"], self.root))
         with compilation_cache(settings.get("compilation_cache", False)):
             extra = sections(settings)
-            result = job(only_read(settings, self.root)).with_sections(extra)
+            result = job(only_read(settings, self.root))
+            if result is None:
+                return None, lambda held: None
+            result = result.with_sections(extra)
 
             # After the job, whose module decides when jax and matplotlib are imported.
             from ..report.files import render

@@ -258,6 +258,17 @@ class Problem(eqx.Module):
             return with_learned_facts(grid, depth_m, noise.has_drift)
         return with_found_noise(grid, depth_m, is_drifting)
 
+    def of_samples(self, samples: slice) -> "Problem":
+        """The same problem with these of its samples alone."""
+        motion = self.motion
+        columns = (motion.time_s, motion.position_m, motion.speed_m_per_s)
+        own = Motion(*(np.asarray(each)[samples] for each in columns))
+        rounding = None if self.rounding is None else self.rounding[:, samples]
+        return with_fields(
+            self, motion=own, data=self.data[:, samples], observed=self.observed[:, samples],
+            off_place=self.off_place[..., samples], rounding=rounding,
+        )  # fmt: skip
+
     def of_direction(self, is_onwards: bool) -> "Problem":
         """The same problem on a line, of the passes towards +x alone, or of those towards -x."""
         return with_fields(self, direction=is_onwards)

@@ -448,8 +448,8 @@ def _signal(
             )
     names = tuple(map(in_volts, channels, stated))
     per_unit = np.array([PER_V.get(unit, 1) for unit in stated])
-    gain = _per_channel(table.name, facts, "gain", len(channels))
-    polarity = _per_channel(table.name, facts, "polarity", len(channels))
+    gain = per_channel(table.name, facts, "gain", len(channels))
+    polarity = per_channel(table.name, facts, "polarity", len(channels))
     converted = np.isfinite(gain)
     _check_scaling(table, channels, bool(converted.all()))
     gain, polarity = np.where(converted, gain, 1.0), np.nan_to_num(polarity, nan=1.0)
@@ -476,7 +476,7 @@ def _check_scaling(table: ColumnTable, channels: tuple[str, ...], has_gain: bool
     )
 
 
-def _per_channel(
+def per_channel(
     name: str, facts: Mapping[str, Any], key: str, channels: int
 ) -> Float[np.ndarray, " element"]:
     """A fact that is one number, or one for each channel; NaN where it is not given."""

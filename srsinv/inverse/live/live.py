@@ -149,6 +149,25 @@ class Live:
         self._state.track = self._state.track.stopped()
         return self._cells(finished)
 
+    @property
+    def cell_m(self) -> float:
+        """The width of the cells [m]."""
+        return float(self._state.settings.cell_m)
+
+    @property
+    def memory_m(self) -> float:
+        """How far apart traction and signal act on each other in the model [m]."""
+        return float(self._state.settings.memory) * self.cell_m
+
+    def with_lag(self, lag_m: float) -> "Live":
+        """The same live inversion with another lag, `lag_m` [m], before its first sample."""
+        state = self._state
+        settings = state.settings.with_lag(lag_m)
+        models = {way: one._replace(settings=settings) for way, one in state.models.items()}
+        live = object.__new__(Live)
+        live._state = fresh_state(settings, state.covariances, models, is_onwards=True)
+        return live
+
     def state(self) -> dict[str, np.ndarray]:
         """All that is needed to go on later, as arrays by name: `numpy.savez(path, **state)`
         stores them, and `Live.from_state(numpy.load(path))` goes on."""

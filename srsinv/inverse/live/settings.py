@@ -83,8 +83,6 @@ class LiveSettings(NamedTuple):
         least = LEAST_MEMORY * depth_m
         wanted = f"a length in metres from {least:.4g}, {LEAST_MEMORY} depths, to a metre"
         memory_m = float(number("memory_m", memory_m, wanted, least=least, most=max(1.0, least)))
-        wanted = f"a length in metres, from 0 to the memory, {memory_m:.4g}"
-        lag_m = float(number("lag_m", lag_m, wanted, least=0, most=memory_m))
         refuse(
             friction is None and elements < 2,
             "One element cannot determine both p and q: give friction (q = mu p) or a second "
@@ -102,7 +100,7 @@ class LiveSettings(NamedTuple):
         return cls(
             np.array(cell_m),
             np.array(depth_m),
-            np.array(round(lag_m / cell_m)),
+            np.array(0),
             np.array(round(memory_m / cell_m)),
             _linear_gain(sensor.amplifier),
             np.full(elements, 0.0 if offset is None else float(offset)),
@@ -112,7 +110,14 @@ class LiveSettings(NamedTuple):
             _of_each("drift", drift, elements, may_be_zero=True),
             np.array(frequencies, float),
             np.array(offset is None),
-        )
+        ).with_lag(lag_m)
+
+    def with_lag(self, lag_m: Any) -> "LiveSettings":
+        """The same settings with another lag [m]. Raises `BadInput` for one beyond the memory."""
+        memory_m = float(self.memory * self.cell_m)
+        wanted = f"a length in metres, from 0 to the memory, {memory_m:.4g}"
+        number("lag_m", lag_m, wanted, least=0, most=memory_m)
+        return self._replace(lag=np.array(round(float(lag_m / self.cell_m))))
 
 
 def _of_each(name: str, values: Any, elements: int, may_be_zero: bool = False) -> np.ndarray:
