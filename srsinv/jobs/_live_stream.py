@@ -15,6 +15,8 @@ from ..errors import BadInput, refuse
 from ..inverse.live.live import Live, LiveCells
 from ..progress import say, stopping
 from ..recording.stream import HEAD_ROWS, RowFormat, Sample
+from ._live_lines import HEADER, lines_of
+from ._live_view import LiveView
 
 NAME = "standard input"
 READ_BYTES = 2**16
@@ -22,7 +24,6 @@ LONGEST_LINE = 2**16  # bytes: a longer one is no row
 MOST_HEADING = 200  # lines without a number above the first row
 POLL_S = 0.1  # how often a signal that ends the command is looked for
 SAID = 20  # bad lines that are named; the others are counted
-HEADER = "x_m,p_Pa,p_stderr_Pa,q_Pa,q_stderr_Pa,noise_{unit}"
 
 
 class LineSource:
@@ -63,22 +64,29 @@ class LineSource:
         return False
 
 
-def stream(made: Callable[[RowFormat], Live], form: Callable[[list[str]], RowFormat]) -> None:
+def stream(
+    made: Callable[[RowFormat], Live],
+    form: Callable[[list[str]], RowFormat],
+    view: Callable[[str], LiveView] | None,
+) -> None:
     """Read lines from standard input and print each finished cell, until the input ends, a signal
     ends the command, or nobody reads what is printed.
 
     - `form`: makes the format of rows from the first lines; `made`: the live inversion for it.
+    - `view`: opens a window for signals of this unit; None: there is none.
     """
     with stopping() as stop, suppress(BrokenPipeError):
         source = LineSource(sys.stdin.fileno(), stop)
         head, lines = _head(source)
         rows = form([f"{line}\n" for line in head])
         live = made(rows)
-        _print(HEADER.format(unit=rows.recording.signal_unit))
+        unit = rows.recording.signal_unit
+        window = None if view is None else view(unit)
+        _print(HEADER.format(unit=unit))
         samples = Samples(rows)
         for chunk in samples.chunks(lines[rows.heading_lines :], source):
-            _print_cells(live.push(*chunk))
-        _print_cells(live.finish())
+            _print_cells(live.push(*chunk), window)
+        _print_cells(live.finish(), window)
         samples.say_bad()
     _close_output()
 
@@ -175,12 +183,12 @@ def _is_row(line: str) -> bool:
     return False
 
 
-def _print_cells(cells: LiveCells) -> None:
+def _print_cells(cells: LiveCells, window: LiveView | None) -> None:
     """One line for each cell, each written at once."""
-    noise = np.sqrt(np.mean(cells.noise**2, axis=0))
-    columns = (cells.x_m, cells.p_Pa, cells.p_stderr_Pa, cells.q_Pa, cells.q_stderr_Pa, noise)
-    for row in zip(*(column.tolist() for column in columns), strict=True):
-        _print(",".join(f"{value:.9g}" for value in row))
+    if window is not None:
+        window.show(cells)
+    for line in lines_of(cells):
+        _print(line)
 
 
 def _print(line: str) -> None:

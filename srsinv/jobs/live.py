@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import xarray
+from jaxtyping import Float
 
 from .. import config
-from ..errors import choice, number, of_kind, refuse
+from ..errors import choice, echo, number, of_kind, refuse
 from ..inverse.estimate import COMPONENTS, Estimate
 from ..inverse.line.solve import solve
 from ..inverse.live.live import Live, LiveCells
@@ -26,6 +27,7 @@ from ..report.section import sections
 from ..report.text import quantity, significant
 from . import _facts, _live_plots
 from ._live_stream import stream
+from ._live_view import LiveView, check_display
 
 SOURCES = ("recording", "-")
 LAG_DEPTHS = 4.0  # where no lag is given
@@ -39,6 +41,10 @@ def run(cfg: config.Config) -> Result | None:
     """The job: play back and compare lags, or read and print lines; those have no result."""
     settings = config.part(cfg, "live")
     source = choice("live.source", settings.get("source"), SOURCES)
+    view = settings.get("view")
+    refuse(not isinstance(view, bool), f"live.view is {echo(view)}: give true or false.")
+    if view:
+        check_display()
     with config.precision(cfg):
         if source == "-":
             _stream(cfg)
@@ -65,7 +71,7 @@ def _stream(cfg: config.Config) -> None:
         problem = config.streamed_problem(cfg, rows.recording)
         return _live(cfg, problem, _given(method))
 
-    stream(made, form)
+    stream(made, form, LiveView if config.part(cfg, "live").get("view") else None)
 
 
 def _given(method: Method) -> Method:
@@ -145,10 +151,11 @@ def _played_back(cfg: config.Config) -> Result:
     long_m = min(LONG_DEPTHS * depth_m, first.memory_m)
     lags_m = sorted({*(each * depth_m for each in LAGS_DEPTHS if each * depth_m < long_m),
                      min(lag_m, long_m), long_m})  # fmt: skip
-    runs, times_s = [], np.zeros(0)
+    runs, times_s, unit = [], np.zeros(0), problem.sensor.amplifier.unit
     for each in lags_m:
         with stage(f"playing back with a lag of {quantity(each, 'm')}"):
-            cells, taken = _run(first.with_lag(each), one)
+            view = LiveView(unit) if each == lag_m and settings.get("view") else None
+            cells, taken = _run(first.with_lag(each), one, view)
         runs.append(cells)
         times_s = taken if each == lag_m else times_s
     whole = _whole(one, prior, first)
@@ -169,22 +176,27 @@ def _longest_pass(problem: Problem) -> Problem:
     return problem.of_samples(longest.samples)
 
 
-def _run(live: Live, problem: Problem) -> tuple[LiveCells, np.ndarray]:
-    """All cells of a problem's samples in chunks, and the time [s] that each chunk took a
-    sample."""
+def _run(
+    live: Live, problem: Problem, view: LiveView | None
+) -> tuple[LiveCells, Float[np.ndarray, " chunk"]]:
+    """All cells of a problem's samples in chunks, and the time [s] that each chunk took a sample.
+    With a `view` samples arrive as fast as they were recorded."""
     motion = problem.motion
     columns = [np.asarray(each, float) for each in
                (motion.time_s, motion.position_m, motion.speed_m_per_s)]  # fmt: skip
     offset = problem.sensor.amplifier.offset
     signal = np.where(problem.observed, np.asarray(problem.data, float), np.nan)
     signal = signal + (0.0 if offset is None else float(offset))
-    parts, taken = [], []
+    parts, taken, began_s = [], [], time.monotonic() - float(columns[0][0])
     for start in range(0, columns[0].size, CHUNK):
         own = slice(start, start + CHUNK)
         time_s, x_m, speed = (each[own] for each in columns)
         begun = time.perf_counter()
         parts.append(live.push(time_s, x_m, signal[:, own], speed))
         taken.append((time.perf_counter() - begun) / time_s.size)
+        if view is not None:
+            view.show(parts[-1])
+            time.sleep(max(began_s + float(time_s[-1]) - time.monotonic(), 0.0))
     return LiveCells.joined([*parts, live.finish()]), np.array(taken)
 
 

@@ -123,11 +123,20 @@ def test_a_broken_pipe_ends_the_stream_quietly(reader_leaves):
     assert "Traceback" not in errors
 
 
+def test_a_window_needs_a_display(monkeypatch):
+    monkeypatch.setattr(sys, "platform", "linux")
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    cfg = composed("experiment=live", f"recording.path={EXAMPLE}", "live.view=true")
+    refused(lambda: result_of(cfg), "live.view", "DISPLAY")
+
+
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
         (["live.source=file"], ["live.source", "recording"]),
         (["live.lag_m=-1"], ["live.lag_m"]),
+        (["live.view=perhaps"], ["live.view", "true or false"]),
         (["method=[wiener,tikhonov]"], ["method", "one"]),
         (["noise=[white,sliding]"], ["sliding", "live"]),
     ],

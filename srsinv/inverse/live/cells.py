@@ -25,7 +25,8 @@ class CellSums(NamedTuple):
     """Sums over the samples of one cell.
 
     - `number`: of the cell in the direction of motion; `time_s` [s]: of its last sample.
-    - `information` (e,): of a^2; `projection` (e,): of a v; `place` (e,): of a^2 x.
+    - `information` (e,): of a^2; `projection` (e,): of a v; `place` (e,): of a^2 x;
+      `samples` (e,): their number.
     - `nuisance` (e, k): of a and each nuisance signal.
     - `squares`, `freedom` (e,): of fourth differences, in the variance of one sample, and their
       degrees of freedom.
@@ -36,6 +37,7 @@ class CellSums(NamedTuple):
     information: Float[np.ndarray, " e"]
     projection: Float[np.ndarray, " e"]
     place: Float[np.ndarray, " e"]
+    samples: Float[np.ndarray, " e"]
     nuisance: Float[np.ndarray, "e k"]
     squares: Float[np.ndarray, " e"]
     freedom: Float[np.ndarray, " e"]
@@ -83,7 +85,7 @@ class CellStream:
     ) -> "CellStream":
         """Before the first sample of a pass."""
         tail = np.zeros((3 + elements + nuisances, 0))
-        sums = np.zeros((elements * (5 + nuisances), 0))
+        sums = np.zeros((elements * (6 + nuisances), 0))
         direction = 1.0 if is_onwards else -1.0
         return cls(
             cell_m, direction, gain, elements, shows_noise_m, tail, np.nan, 0, sums, np.nan
@@ -151,7 +153,7 @@ class CellStream:
         is_known = shows & ~np.isnan(differences)
         freedom = is_known / CORRELATED
         squares = np.where(is_known, differences**2, 0.0) / (FOURTH @ FOURTH * CORRELATED)
-        quantities = (weight, projection, weight * at, *nuisance, squares, freedom)
+        quantities = (weight, projection, weight * at, ~missing, *nuisance, squares, freedom)
         self.foremost = float(at[-1])
         return self._added(np.concatenate(quantities), low, high, time_s[own])
 
@@ -183,9 +185,11 @@ class CellStream:
 
     def _cell(self, number: int, time_s: float, sums: np.ndarray) -> CellSums:
         parts = sums.reshape(-1, self.elements)
-        information, projection, place, *nuisance, squares, freedom = parts
+        information, projection, place, samples, *nuisance, squares, freedom = parts
         of_each = np.array(nuisance).reshape(-1, self.elements).T
-        return CellSums(number, time_s, information, projection, place, of_each, squares, freedom)
+        return CellSums(
+            number, time_s, information, projection, place, samples, of_each, squares, freedom
+        )
 
 
 def slopes(

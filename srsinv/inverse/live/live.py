@@ -13,10 +13,10 @@ from jaxtyping import Bool, Float, Int
 
 from ...errors import BadInput, of_kind
 from ...forward.sensor import Sensor
-from .covariance import JointCovariance, joint_covariance
-from .one_pass import FinishedCell, LiveModel, OnePass
+from .covariance import joint_covariance
+from .one_pass import FinishedCell, LiveModel
 from .settings import LiveSettings
-from .state_space import state_space
+from .state_space import StateSpace, state_space
 from .stored import LiveState, fresh_state
 
 FARTHEST = 1e10  # s or m: beyond, times and positions have too few digits
@@ -63,7 +63,7 @@ class Live:
     - `lag_m` [m]: how far behind the sensor a cell is finished. The delay is a cell more, as it
       has to end.
     - `cell_m` [m]: the width of the cells; None: an eighth of the film's depth. `memory_m` [m]:
-      how far apart traction and signal still act on each other in the model; None: 128 depths.
+      how far apart traction and signal still act on each other in the model; None: 64 depths.
     - `friction`: mu of q = mu p while sliding towards +x; None leaves p and q apart.
     - `nominal_pressure_Pa` [Pa]: the pressure far from features, which a rate signal does not show.
     - `drift`: rms after a second of each signal's random walk, in its unit; `mains_Hz` (m,) [Hz]:
@@ -77,8 +77,8 @@ class Live:
     Raises `BadInput` for values out of range, for a prior whose levels are not given, for an
     amplifier whose gain is not linear in the speed, and for one element without `friction`.
 
-    The method is a Kalman filter with a fixed-lag smoother (Rauch 1963) on a state-space model that
-    is realised from the covariances of sensor and prior (Akaike 1975).
+    The method is a Kalman filter with a fixed-lag smoother (Rauch, Tung and Striebel 1965) on a
+    state-space model that is realised from the covariances of sensor and prior (Akaike 1975).
     """
 
     def __init__(
@@ -101,16 +101,22 @@ class Live:
             sensor, noise=noise, lag_m=lag_m, cell_m=cell_m, memory_m=memory_m, friction=friction,
             nominal_pressure_Pa=nominal_pressure_Pa, drift=drift, mains_Hz=mains_Hz,
         )  # fmt: skip
-        lags = 2 * int(settings.memory)
-        covariances = tuple(
-            joint_covariance(
-                sensor, prior, float(settings.cell_m), lags,
+        # The model learns from twice the memory, so that what is left out of it is small there.
+        memory = 2 * int(settings.memory)
+
+        def space(is_onwards: bool) -> StateSpace:
+            covariance = joint_covariance(
+                sensor, prior, float(settings.cell_m), 2 * memory,
                 is_onwards=is_onwards, friction=friction, speed_m_per_s=speed_m_per_s,
-            )
-            for is_onwards in (False, True)
-        )  # fmt: skip
-        model = _model(settings, covariances[True])
-        self._state = fresh_state(settings, covariances, {True: model}, is_onwards=True)
+            )  # fmt: skip
+            return state_space(covariance, memory, settings.depth_cells)
+
+        onwards = space(is_onwards=True)
+        # Friction and filters turn with the motion.
+        is_alike = friction is None and not sensor.filters
+        back = onwards.reversed() if is_alike else space(is_onwards=False)
+        models = LiveModel(settings, back), LiveModel(settings, onwards)
+        self._state = fresh_state(settings, models)
 
     def push(
         self, time_s: Any, position_m: Any, signal: Any, speed_m_per_s: Any = None
@@ -163,9 +169,9 @@ class Live:
         """The same live inversion with another lag, `lag_m` [m], before its first sample."""
         state = self._state
         settings = state.settings.with_lag(lag_m)
-        models = {way: one._replace(settings=settings) for way, one in state.models.items()}
+        back, onwards = (LiveModel(settings, model.space) for model in state.models)
         live = object.__new__(Live)
-        live._state = fresh_state(settings, state.covariances, models, is_onwards=True)
+        live._state = fresh_state(settings, (back, onwards))
         return live
 
     def state(self) -> dict[str, np.ndarray]:
@@ -195,12 +201,7 @@ class Live:
         """What the end of the pass finishes; one in this direction begins."""
         state, one = self._state, self._state.one_pass
         finished = one.close(self._model, state.level)
-        if is_onwards not in state.models:
-            covariance = state.covariances[is_onwards]
-            state.models[is_onwards] = _model(state.settings, covariance)
-        number = one.record.number + (one.smoother.count > 0)
-        nuisance = one.nuisance(state.settings.elements * state.settings.nuisances)
-        state.one_pass = OnePass.starting(state.models[is_onwards], is_onwards, number, nuisance)
+        state.one_pass = one.following(state.models[is_onwards], is_onwards)
         return finished
 
     def _cells(self, finished: list[FinishedCell]) -> LiveCells:
@@ -256,8 +257,3 @@ class Live:
             rows[3 + e : rows.shape[0] - 2 * m] = 1.0
             rows[rows.shape[0] - 2 * m :] = np.concatenate([np.cos(phases), np.sin(phases)])
         return rows
-
-
-def _model(settings: LiveSettings, covariance: JointCovariance) -> LiveModel:
-    space = state_space(covariance, int(settings.memory), settings.depth_cells)
-    return LiveModel(settings, covariance, space)

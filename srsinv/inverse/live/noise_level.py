@@ -73,7 +73,7 @@ class NoiseLevel:
         """Whether a level is given, or short waves show it."""
         return np.isfinite(self.given) | (self.sums[:, 1].sum(axis=0) >= FEW)
 
-    def bound(self, cells: Sequence[CellSums]) -> None:
+    def begin_with_power(self, cells: Sequence[CellSums]) -> None:
         """Take the power of these cells' signals as the level where none is known: the noise is
         less, and innovations will show it."""
         information = np.stack([cell.information for cell in cells])

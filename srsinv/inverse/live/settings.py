@@ -12,7 +12,7 @@ from ...forward.amplifier import Amplifier
 from ...forward.sensor import Sensor
 from ...known import in_numpy
 
-MEMORY_DEPTHS = 128  # of what the model remembers, where nothing else is given
+MEMORY_DEPTHS = 64  # of what the model remembers, where nothing else is given
 LEAST_MEMORY = 4  # depths, of less there is no model
 
 
@@ -59,6 +59,11 @@ class LiveSettings(NamedTuple):
     def nuisances(self) -> int:
         """The nuisance parameters of each element."""
         return self.has_level + 2 * self.mains_Hz.size
+
+    @property
+    def parameters(self) -> int:
+        """The nuisance parameters of all elements."""
+        return self.elements * self.nuisances
 
     @classmethod
     def of(

@@ -22,14 +22,14 @@ class Measurement(NamedTuple):
     """The signals of one cell.
 
     - `signal` (e,), NaN where it is missing, and the variance `noise` (e,) of its white noise.
-    - `place` (e,): of the samples, in cells from the cell's centre.
+    - `off_centre` (e,): the mean place of the samples, in cells from the cell's centre.
     - `nuisance` (e, k): the signal of each nuisance parameter.
     - `growth` (k,): the variance that each nuisance parameter gains up to this cell.
     """
 
     signal: Float[np.ndarray, " e"]
     noise: Float[np.ndarray, " e"]
-    place: Float[np.ndarray, " e"]
+    off_centre: Float[np.ndarray, " e"]
     nuisance: Float[np.ndarray, "e k"]
     growth: Float[np.ndarray, " k"]
 
@@ -61,22 +61,17 @@ class FixedLagSmoother:
     count: int = 0
 
     @classmethod
-    def starting(
-        cls,
-        model: StateSpace,
-        components: int,
-        lag: int,
-        nuisance_variance: Float[np.ndarray, " k"],
-    ) -> "FixedLagSmoother":
-        """Before the first cell of a pass."""
-        variances = np.concatenate([nuisance_variance, np.ones(model.states)])
-        cells = lag + 1, components
+    def starting(cls, model: StateSpace, lag: int, nuisances: int) -> "FixedLagSmoother":
+        """Before the first cell of a pass, with so many nuisance parameters that are zero."""
+        size, cells = nuisances + model.states, (lag + 1, model.components)
+        covariance = np.zeros((size, size))
+        covariance[nuisances:, nuisances:] = np.eye(model.states)
         return cls(
-            np.zeros(variances.size),
-            np.diag(variances),
+            np.zeros(size),
+            covariance,
             np.zeros(cells),
             np.zeros(cells),
-            np.zeros((*cells, variances.size)),
+            np.zeros((*cells, size)),
         )
 
     @property
@@ -128,9 +123,9 @@ def _prediction(
     elements, k = cell.nuisance.shape
     rows = len(model.matrix) - elements
     matrix, noise = model.matrix[:rows], model.noise[:rows, :rows]
-    if cell.place.any():
+    if cell.off_centre.any():
         ahead = np.zeros((rows, elements))
-        ahead[-elements:] = np.diag(cell.place)
+        ahead[-elements:] = np.diag(cell.off_centre)
         across = model.noise[:rows, rows:] @ ahead.T
         matrix = matrix + ahead @ model.matrix[rows:]
         noise = noise + across + across.T + ahead @ model.noise[rows:, rows:] @ ahead.T

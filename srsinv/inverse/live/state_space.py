@@ -34,6 +34,8 @@ class StateSpace(NamedTuple):
 
     - `matrix` (m + z, m): A above C. `noise` (m + z, m + z): the covariance of (w, v).
     - `floor` (z,): the variance of white noise that z has in the model beyond that of the process.
+    - `traction_Pa` (c,) [Pa], `signal` (e,): the units of traction and signal, as the
+      [`JointCovariance`][] has them.
 
     A stationary state has the covariance 1.
     """
@@ -41,11 +43,35 @@ class StateSpace(NamedTuple):
     matrix: Float[np.ndarray, "row m"]
     noise: Float[np.ndarray, "row row"]
     floor: Float[np.ndarray, " z"]
+    traction_Pa: Float[np.ndarray, " c"]
+    signal: Float[np.ndarray, " e"]
 
     @property
     def states(self) -> int:
         """The number of states."""
         return self.matrix.shape[1]
+
+    @property
+    def components(self) -> int:
+        """The number of unknown components."""
+        return self.traction_Pa.size
+
+    def reversed(self) -> "StateSpace":
+        """The same process in the other order of the cells, where slopes have the other sign: the
+        regression of a state, and of z beside it, on the next state."""
+        m = self.states
+        sign = np.ones(len(self.matrix) - m)
+        sign[-self.signal.size :] = -1
+        before, output = self.matrix[:m].T, self.matrix[m:]
+        ahead = (self.matrix[:m] @ output.T + self.noise[:m, m:]) * sign
+        size = (output @ output.T + self.noise[m:, m:]) * sign * sign[:, None]
+        cross = output.T * sign - before @ ahead
+        noise = np.block([
+            [np.eye(m) - before @ before.T, cross],
+            [cross.T, size - ahead.T @ ahead],
+        ])  # fmt: skip
+        root = root_of(noise)
+        return self._replace(matrix=np.concatenate([before, ahead.T]), noise=root @ root.T)
 
     def covariances(self, lags: int) -> Float[np.ndarray, "z z lag"]:
         """The model's covariances E z_a(j + lag) z_b(j), without the floor's."""
@@ -118,7 +144,8 @@ def state_space(covariance: JointCovariance, memory: int, nearest: int) -> State
         [cross.T, values[..., 0] + np.diag(floor) - output @ output.T],
     ])  # fmt: skip
     root = root_of(noise)  # without what rounding makes negative
-    return StateSpace(np.concatenate([transition, output]), root @ root.T, floor)
+    matrix = np.concatenate([transition, output])
+    return StateSpace(matrix, root @ root.T, floor, covariance.traction_Pa, covariance.signal)
 
 
 def features(memory: int, nearest: int) -> Float[np.ndarray, "feature cell"]:

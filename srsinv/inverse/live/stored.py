@@ -11,7 +11,6 @@ import numpy as np
 
 from ...errors import BadInput, echo, refuse
 from .cells import CellStream, CellSums
-from .covariance import JointCovariance
 from .noise_level import NoiseLevel
 from .one_pass import LiveModel, OnePass, PassRecord
 from .settings import LiveSettings
@@ -27,12 +26,11 @@ LENGTHS = {"stream.tail": 1, "stream.sums": 1} | {f"queue.{each}": 0 for each in
 
 @dataclasses.dataclass
 class LiveState:
-    """The parts of a live inversion: what it was set to, the covariances of motion back and
-    onwards, the models of those directions that had any, and where it is."""
+    """The parts of a live inversion: what it was set to, the models of motion back and onwards, and
+    where it is."""
 
     settings: LiveSettings
-    covariances: tuple[JointCovariance, ...]
-    models: dict[bool, LiveModel]
+    models: tuple[LiveModel, LiveModel]
     track: Track
     level: NoiseLevel
     one_pass: OnePass
@@ -49,10 +47,8 @@ class LiveState:
             "smoother": one.smoother,
             "record": one.record,
         }
-        for is_onwards, name in enumerate(DIRECTIONS):
-            parts[f"covariance_{name}"] = self.covariances[is_onwards]
-            if is_onwards in self.models:
-                parts[f"space_{name}"] = self.models[bool(is_onwards)].space
+        for name, model in zip(DIRECTIONS, self.models, strict=True):
+            parts[name] = model.space
         for name, part in parts.items():
             for field in _fields(type(part)):
                 arrays[f"{name}.{field}"] = np.array(getattr(part, field))
@@ -68,16 +64,9 @@ class LiveState:
             f"version {VERSION}.",
         )
         settings = _part(LiveSettings, "settings", arrays)
-        covariances = tuple(
-            _part(JointCovariance, f"covariance_{name}", arrays) for name in DIRECTIONS
+        back, onwards = (
+            LiveModel(settings, _part(StateSpace, name, arrays)) for name in DIRECTIONS
         )
-        models = {
-            bool(is_onwards): LiveModel(
-                settings, covariances[is_onwards], _part(StateSpace, f"space_{name}", arrays)
-            )
-            for is_onwards, name in enumerate(DIRECTIONS)
-            if f"space_{name}.matrix" in arrays
-        }
         queue = _part(CellSums, "queue", arrays)
         one = OnePass(
             _part(CellStream, "stream", arrays),
@@ -86,16 +75,14 @@ class LiveState:
             _part(PassRecord, "record", arrays),
         )
         level, track = _part(NoiseLevel, "level", arrays), _part(Track, "track", arrays)
-        state = cls(settings, covariances, models, track, level, one)
+        state = cls(settings, (back, onwards), track, level, one)
         state._check_shapes()
         return state
 
     def _check_shapes(self) -> None:
         """Refuse arrays whose shapes do not go together."""
-        is_onwards = self.one_pass.stream.direction > 0
-        refuse(is_onwards not in self.models, "The state has no model of its pass.")
         try:
-            fresh = fresh_state(self.settings, self.covariances, self.models, is_onwards)
+            fresh = fresh_state(self.settings, self.models)
         except (ValueError, IndexError) as error:
             raise BadInput("The state's settings and models do not go together.") from error
         given = self.arrays()
@@ -110,19 +97,10 @@ class LiveState:
             )
 
 
-def fresh_state(
-    settings: LiveSettings,
-    covariances: tuple[JointCovariance, ...],
-    models: dict[bool, LiveModel],
-    is_onwards: bool,
-) -> LiveState:
+def fresh_state(settings: LiveSettings, models: tuple[LiveModel, LiveModel]) -> LiveState:
     """The state before the first sample."""
-    model = models[is_onwards]
-    variance = model.nuisance_variance.ravel()
-    nuisance = np.stack([np.zeros_like(variance), variance])
     level = NoiseLevel.starting(settings.noise**2, settings.depth_cells)
-    one = OnePass.starting(model, is_onwards, 0, nuisance)
-    return LiveState(settings, covariances, models, Track(), level, one)
+    return LiveState(settings, models, Track(), level, OnePass.starting(models[True], True))
 
 
 def _fields(kind: type) -> dict[str, Any]:
@@ -135,7 +113,7 @@ def _fields(kind: type) -> dict[str, Any]:
 def _stacked(queue: list[CellSums], settings: LiveSettings) -> CellSums:
     """Cells as one, whose arrays have a first axis of cells."""
     e, n = settings.elements, len(queue)
-    shapes = [(n,), (n,), *3 * [(n, e)], (n, e, settings.nuisances), *2 * [(n, e)]]
+    shapes = [(n,), (n,), *4 * [(n, e)], (n, e, settings.nuisances), *2 * [(n, e)]]
     columns = zip(*queue, strict=True) if queue else shapes
     rows: Any = (
         np.array(each, float).reshape(shape) if queue else np.zeros(shape)

@@ -11,18 +11,18 @@ from tests.inverse.live.scans import CELL_M, dense, exact_covariance, prior
 from tests.tiers import quick
 
 DEPTH = 8  # cells
-MEMORY = 64 * DEPTH
+MEMORY = 64 * DEPTH  # over which answers are compared
 LAGS = (0, DEPTH, 2 * DEPTH, 4 * DEPTH, 8 * DEPTH)
 
 
 @pytest.fixture(scope="module")
 def covariance():
-    return joint_covariance(Sensor(), prior(), CELL_M, 2 * MEMORY, is_onwards=True)
+    return joint_covariance(Sensor(), prior(), CELL_M, 4 * MEMORY, is_onwards=True)
 
 
 @pytest.fixture(scope="module")
 def model(covariance):
-    return state_space(covariance, MEMORY, DEPTH)
+    return state_space(covariance, 2 * MEMORY, DEPTH)
 
 
 def smoothed(model, signal, noise, lag, place=None, nuisance=None):
@@ -31,7 +31,8 @@ def smoothed(model, signal, noise, lag, place=None, nuisance=None):
     nuisance = np.zeros((elements, 0, n)) if nuisance is None else nuisance
     place = np.zeros((elements, n)) if place is None else place
     k = nuisance.shape[1]
-    smoother = FixedLagSmoother.starting(model, 2, lag, np.ones(k))
+    smoother = FixedLagSmoother.starting(model, lag, k)
+    smoother.covariance[:k, :k] = np.eye(k)
     for j in range(n):
         smoother.step(
             model,
@@ -113,6 +114,21 @@ def test_missing_and_unequal_cells(covariance, model):
         mean, exact = dense(of, signal, noise, cells)
         assert np.abs(stderr / exact - 1).max() < most
         assert (np.abs(values - mean) / exact).max() < most
+
+
+def test_the_same_process_in_the_other_order(covariance, model):
+    """Its covariances are the transposes, with the slopes' signs turned; turned again it is the
+    same."""
+    sign = np.array([1, 1, 1, 1, -1, -1])
+    back, own = model.reversed().covariances(40), model.covariances(40)
+    turned = own.swapaxes(0, 1) * sign[:, None, None] * sign[None, :, None]
+    assert np.allclose(back, turned, atol=1e-6)
+    assert np.allclose(model.reversed().reversed().matrix, model.matrix, atol=1e-6)
+    onwards = joint_covariance(Sensor(), prior(), CELL_M, MEMORY, is_onwards=True).values
+    other = joint_covariance(Sensor(), prior(), CELL_M, MEMORY, is_onwards=False).values
+    assert np.allclose(
+        other, onwards.swapaxes(0, 1) * sign[:, None, None] * sign[None, :, None], atol=1e-9
+    )
 
 
 def test_nuisance_parameters_are_estimated_jointly(model):
