@@ -115,8 +115,9 @@ class CellStream:
         """The cells that the pass has not finished, those with a signal: it has ended."""
         finished = self._gather(self.tail) if self.tail.shape[1] > 2 * REACH else []
         self.tail = self.tail[:, :0]
-        if self.sums[: self.elements, :1].any():
-            finished.append(self._cell(self.number, self.time_s, self.sums[:, 0]))
+        for ahead, sums in enumerate(self.sums.T):
+            if sums[: self.elements].any():
+                finished.append(self._cell(self.number + ahead, self.time_s, sums))
         return finished
 
     def _gather(self, rows: np.ndarray) -> list[CellSums]:
