@@ -130,10 +130,7 @@ class CellStream:
         at = foremost[own]
         middles = (foremost[REACH - 1 : -1] + foremost[REACH:]) / 2
         low, high = middles[:-1], middles[1:]
-        has_gaps = steps.max() > UNEVEN * steps.min()
-        if has_gaps:
-            low, high = _beside_gaps(at, low, high, steps)
-        # Samples that are farther apart than cells each count in one.
+        # Samples that are farther apart than cells, and those beside a gap, each count in one.
         is_wide = high - low > self.cell_m
         low, high = np.where(is_wide, at, low), np.where(is_wide, at, high)
         speed = rows[2, own]
@@ -149,7 +146,7 @@ class CellStream:
             )
         differences = fourth_differences(rows[3 : 3 + e])
         shows = np.abs(speed) * steps[REACH - 1 : -REACH] <= self.shows_noise_m
-        if has_gaps:
+        if steps.max() > UNEVEN * steps.min():
             shows &= _longest(steps) <= -UNEVEN * _longest(-steps)
         is_known = shows & ~np.isnan(differences)
         freedom = is_known / CORRELATED
@@ -212,20 +209,6 @@ def fourth_differences(
     n = rows.shape[1] - 2 * REACH
     ends, beside = rows[:, :n] + rows[:, 4:], rows[:, 1 : n + 1] + rows[:, 3 : n + 3]
     return ends - 4 * beside + 6 * rows[:, 2 : n + 2]
-
-
-def _beside_gaps(
-    at: np.ndarray, low: np.ndarray, high: np.ndarray, steps: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """The intervals of samples, each beside a gap as long to that side as to the other."""
-    shortest = -_longest(-steps)
-    is_before = steps[REACH - 1 : -REACH] > UNEVEN * shortest
-    is_after = steps[REACH : steps.size - REACH + 1] > UNEVEN * shortest
-    mirrored = 2 * at - high, 2 * at - low
-    return (
-        np.where(is_before, np.where(is_after, at, mirrored[0]), low),
-        np.where(is_after, np.where(is_before, at, mirrored[1]), high),
-    )
 
 
 def _longest(steps: np.ndarray) -> np.ndarray:
