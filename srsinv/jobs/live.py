@@ -247,6 +247,7 @@ def _result(
         "chunk_time_s": ("chunk", times_s, "s"),
         **scalars({
             "lag_m": lag_m,
+            "quality": str(whole.quality),
             "cell_m": float(np.diff(x).min()) if x.size > 1 else float("nan"),
             "cells": x.size,
             "samples": int(problem.motion.time_s.size),
