@@ -14,6 +14,7 @@ from ...known import in_numpy
 
 MEMORY_DEPTHS = 64  # of what the model remembers, where nothing else is given
 LEAST_MEMORY = 4  # depths, of less there is no model
+MOST_MEMORY = 4096  # cells, of more making the model takes minutes
 
 
 class LiveSettings(NamedTuple):
@@ -85,9 +86,12 @@ class LiveSettings(NamedTuple):
         wanted = f"a width in metres, above 0 and up to the film's depth, {depth_m:.4g}"
         cell_m = float(number("cell_m", cell_m, wanted, above=0, most=depth_m))
         memory_m = MEMORY_DEPTHS * depth_m if memory_m is None else memory_m
-        least = LEAST_MEMORY * depth_m
-        wanted = f"a length in metres from {least:.4g}, {LEAST_MEMORY} depths, to a metre"
-        memory_m = float(number("memory_m", memory_m, wanted, least=least, most=max(1.0, least)))
+        least, most = LEAST_MEMORY * depth_m, MOST_MEMORY * cell_m
+        wanted = (
+            f"a length in metres from {least:.4g} ({LEAST_MEMORY} depths) to {most:.4g} "
+            f"({MOST_MEMORY} cells)"
+        )
+        memory_m = float(number("memory_m", memory_m, wanted, least=least, most=most))
         refuse(
             friction is None and elements < 2,
             "One element cannot determine both p and q: give friction (q = mu p) or a second "
