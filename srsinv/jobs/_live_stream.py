@@ -2,24 +2,26 @@
 
 import math
 import os
-import select
 import sys
-from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from threading import Event
+from queue import Empty, Queue
+from threading import Event, Thread
 
 import numpy as np
 
 from ..errors import BadInput, refuse
 from ..inverse.live.live import Live, LiveCells
-from ..progress import say, stopping
-from ..recording.stream import HEAD_ROWS, RowFormat, Sample
+from ..progress import say, stage, stopping
+from ..recording.formats._heading import cells_of, heading_of
+from ..recording.stream import RowFormat, Sample
 from ._live_lines import HEADER, lines_of
 from ._live_view import LiveView
 
 NAME = "standard input"
-READ_BYTES = 2**16
+HEAD_ROWS = 8  # of numbers, by which the columns are recognised
+READ_BYTES, MOST_BLOCKS = 2**16, 2**10  # 64 MiB at most wait for the inversion
+NEW_CLOCK = 3  # samples in order among themselves, before which a clock begins anew
 LONGEST_LINE = 2**16  # bytes: a longer one is no row
 MOST_HEADING = 200  # lines without a number above the first row
 POLL_S = 0.1  # how often a signal that ends the command is looked for
@@ -29,39 +31,44 @@ SAID = 20  # bad lines that are named; the others are counted
 class LineSource:
     """Lines of a file descriptor as they arrive, until its end or until `stop` is set.
 
-    `take` gives the lines that are there, waiting for at least one; none at the end.
+    They are read at once, by a thread of its own: a serial port keeps few of them.
     """
 
     def __init__(self, descriptor: int, stop: Event):
-        self._descriptor, self._stop = descriptor, stop
-        self._rest, self._is_at_end = b"", False
+        self._stop, self._rest = stop, b""
+        self._blocks: Queue[bytes] = Queue(MOST_BLOCKS)
+        self._is_at_end = False
+        Thread(target=self._read, args=(descriptor,), daemon=True).start()
+
+    @property
+    def is_stopped(self) -> bool:
+        """Whether a signal is to end the stream."""
+        return self._stop.is_set()
 
     def take(self) -> list[str]:
-        """The next lines."""
-        while not self._is_at_end:
-            if not self._waits_for_data():
-                self._is_at_end = True
-                self._rest = b""  # half a line
-                return []
-            data = os.read(self._descriptor, READ_BYTES)
-            self._is_at_end = not data
-            *whole, self._rest = (self._rest + data).split(b"\n")
-            if self._is_at_end and self._rest:
-                whole.append(self._rest)
-            if len(self._rest) > LONGEST_LINE:
-                whole, self._rest = [*whole, self._rest[:LONGEST_LINE]], b""
-            if whole:
-                return [line.decode("utf-8-sig", "replace").rstrip("\r") for line in whole]
+        """The lines that are there, waiting for at least one; none at the end."""
+        while not self._is_at_end and not self.is_stopped:
+            try:
+                block = self._blocks.get(timeout=POLL_S)
+            except Empty:
+                continue
+            self._is_at_end = not block
+            *lines, self._rest = (self._rest + block).split(b"\n")
+            if self._rest and (self._is_at_end or len(self._rest) > LONGEST_LINE):
+                lines, self._rest = [*lines, self._rest[:LONGEST_LINE]], b""
+            if lines:
+                return [line.decode("utf-8-sig", "replace").rstrip("\r") for line in lines]
         return []
 
-    def _waits_for_data(self) -> bool:
-        """Wait for data; False where the command is to end."""
-        while not self._stop.is_set():
-            with suppress(ValueError, OSError):  # what no system can wait for is read at once
-                if not select.select([self._descriptor], [], [], POLL_S)[0]:
-                    continue
-            return True
-        return False
+    def _read(self, descriptor: int) -> None:
+        """Read blocks of bytes, an empty one at the end."""
+        block = b"-"
+        while block:
+            try:
+                block = os.read(descriptor, READ_BYTES)
+            except OSError:  # a terminal or a port that is gone
+                block = b""
+            self._blocks.put(block)
 
 
 def stream(
@@ -77,7 +84,10 @@ def stream(
     """
     with stopping() as stop, suppress(BrokenPipeError):
         source = LineSource(sys.stdin.fileno(), stop)
-        head, lines = _head(source)
+        with stage(f"waiting for lines on {NAME}"):
+            head, lines = _head(source)
+        if source.is_stopped:
+            return
         rows = form([f"{line}\n" for line in head])
         live = made(rows)
         unit = rows.recording.signal_unit
@@ -97,6 +107,8 @@ class Samples:
     def __init__(self, rows: RowFormat):
         self._rows, self._line, self._row = rows, rows.heading_lines, 0
         self._last: Sample | None = None
+        self._late: list[Sample] = []  # in a row, whose times are not after the last
+        self._shift_s = 0.0
         self.bad = 0
 
     def chunks(
@@ -124,12 +136,7 @@ class Samples:
             return None
         self._row += 1
         try:
-            sample = self._rows.sample(line, self._row - 1)
-            last = self._last
-            refuse(
-                last is not None and sample.time_s <= last.time_s,
-                "its time is not after the one before it.",
-            )
+            sample = self._in_order(self._rows.sample(line, self._row - 1))
             if math.isnan(sample.position_m):
                 sample = sample._replace(position_m=self._travelled(sample))
         except BadInput as refusal:
@@ -139,6 +146,23 @@ class Samples:
             return None
         self._last = sample
         return sample
+
+    def _in_order(self, sample: Sample) -> Sample:
+        """The sample, if its time is after the last. Where several in a row are not, but are in
+        order among themselves, the clock has begun anew, or one time was wrong: it goes on."""
+        shifted, last = sample._replace(time_s=sample.time_s + self._shift_s), self._last
+        if last is None or shifted.time_s > last.time_s:
+            self._late = []
+            return shifted
+        if self._late and sample.time_s <= self._late[-1].time_s:
+            self._late = []
+        self._late.append(sample)
+        refuse(len(self._late) < NEW_CLOCK, "its time is not after the one before it.")
+        step_s = sample.time_s - self._late[-2].time_s
+        self._shift_s = last.time_s + step_s - sample.time_s
+        self._late = []
+        say(f"line {self._line}: the times begin anew, and are continued from the last one.")
+        return sample._replace(time_s=last.time_s + step_s)
 
     def _travelled(self, sample: Sample) -> float:
         """The position of a sample by its speed and those before it."""
@@ -151,29 +175,26 @@ class Samples:
 
 
 def _head(source: LineSource) -> tuple[list[str], list[str]]:
-    """The heading and the first rows, those of as many cells as most have; and all lines that were
-    read."""
+    """The heading and the first whole rows; and all lines that were read."""
     lines: list[str] = []
-    while sum(map(_is_row, lines)) < HEAD_ROWS:
+    while sum(map(_is_row, lines)) <= HEAD_ROWS:
         more = source.take()
         if not more or len(lines) > MOST_HEADING:
             break
         lines += more
-    numbers = [i for i, line in enumerate(lines) if _is_row(line)][:HEAD_ROWS]
+    numbers = [i for i, line in enumerate(lines) if _is_row(line)]
     refuse(
-        not numbers,
+        not numbers and not source.is_stopped,
         f"{NAME} has no rows of numbers: write the names of the columns, such as "
         "time_s,position_m,voltage_0_V, and a row for each sample below.",
     )
-    cells = Counter(_cells(lines[i]) for i in numbers)
-    (most, _), *_ = cells.most_common(1)
-    rows = [lines[i] for i in numbers if _cells(lines[i]) == most]
-    return [*lines[: numbers[0]], *rows], lines
-
-
-def _cells(line: str) -> int:
-    """A number that grows with the cells of a line, whatever their delimiter."""
-    return sum(map(line.count, ",;\t"))
+    delimiter = heading_of("\n".join(lines)).delimiter
+    cells = [len(cells_of(lines[i], delimiter)) for i in numbers]
+    most = max(cells, key=cells.count, default=0)
+    rows = [lines[i] for i, count in zip(numbers, cells, strict=True) if count == most]
+    # The first row may be the end of one, as where a port is opened within a line.
+    rows = rows[1 : HEAD_ROWS + 1] if len(rows) > HEAD_ROWS // 2 else rows
+    return [*lines[: numbers[0] if numbers else 0], *rows], lines
 
 
 def _is_row(line: str) -> bool:

@@ -81,7 +81,7 @@ def _draw(axes: Any, columns: np.ndarray) -> None:
     for one in axes.values():
         one.relim()
         one.autoscale_view()
-    axes["noise"].set_ylim(bottom=0.0)
+    axes["noise"].set_ylim(0.0, 1.1 * float(noise.max()))
 
 
 if __name__ == "__main__":

@@ -20,17 +20,14 @@ from ._read import per_channel, read_facts, recording_of_table
 from ._recording import SPEED, Recording
 from ._schema import RecordingFacts
 from ._sidecar import Sidecars
-from ._table import ColumnTable
+from ._table import ColumnTable, listing
 from ._units import PER_M, PER_M_PER_S, PER_S, PER_V
 from .formats._heading import heading_of
 from .formats._numbers import is_mark
 from .formats.text import Text
 
-HEAD_ROWS = 8  # of numbers, by which the columns are recognised
 # What a live inversion does not do with a recording's signals and positions.
-NOT_LIVE = (
-    "detrend", "high_pass_Hz", "notch_Hz", "backlash_m", "turn_margin_m", "quiet_s",
-)  # fmt: skip
+NOT_LIVE = ("detrend", "high_pass_Hz", "notch_Hz", "backlash_m")
 
 
 class Sample(NamedTuple):
@@ -60,9 +57,9 @@ class RowFormat:
     ):
         text = "".join(lines)
         table, heading = _table(name, text), heading_of(text)
-        path, sidecars = Path(settings.get("path") or name), Sidecars.of_settings(settings)
+        beside = Path(settings.get("path") or name)
         stated = {key: settings[key] for key in settings if key in RecordingFacts.model_fields}
-        facts = read_facts(path, table, sidecars, {**stated, **known})
+        facts = read_facts(beside, table, Sidecars.of_settings(settings), {**stated, **known})
         refused = next((key for key in NOT_LIVE if facts.get(key) is not None), None)
         refuse(
             refused is not None,
@@ -72,8 +69,11 @@ class RowFormat:
             bool(table.stamps),
             f"{name}: the times are dates or clock times: write them in seconds.",
         )
+        times = settings.get("times") or "use"
+        rate_hz = facts.get("sample_rate_hz")
+        # For its facts, whatever its times: a wrong one is a bad line, and no reason to end.
         self.recording: Recording = recording_of_table(
-            path, table, sidecars, "allow", "use", {**stated, **known}
+            Path(name), table, Sidecars(), "allow", "ignore", {**facts, "sample_rate_hz": 1.0}
         )
         self.heading_lines, self._delimiter = heading.lines, heading.delimiter
         self._width = len(heading.names)
@@ -85,10 +85,16 @@ class RowFormat:
         )  # fmt: skip
         for quantity, units in quantities:
             column = column_of(table, facts, quantity)
+            column = None if quantity == "time" and times == "ignore" else column
             self._motion.append(None if column is None else place[column])
             if column is not None:
                 unit = unit_of(table, facts, column, quantity)[0]
-                self._factors[place[column]] = 1 / units[unit or ""]
+                refuse(
+                    unit is None,
+                    f"{name}: the unit of column {column!r} is not stated: give it by "
+                    f"recording.{quantity}_unit=..., one of {', '.join(units)}.",
+                )
+                self._factors[place[column]] = 1 / units[str(unit)]
         channels = signal_columns(table, facts)
         gain, polarity = (
             per_channel(name, facts, key, len(channels)).tolist() for key in ("gain", "polarity")
@@ -99,7 +105,11 @@ class RowFormat:
             ratio = _or_one(polarity[i]) / _or_one(gain[i])
             self._factors[place[column]] = ratio / per_unit
         self._speed = facts.get(SPEED)
-        rate_hz = facts.get("sample_rate_hz")
+        refuse(
+            self._motion[0] is None and rate_hz is None,
+            f"{name}: no column of times is recognised among {listing(table.columns)}: give "
+            "recording.time_column=..., or recording.sample_rate_hz=...",
+        )
         self._interval_s = 1 / float(rate_hz) if rate_hz else math.nan
 
     def sample(self, line: str, row: int) -> Sample:
@@ -108,8 +118,10 @@ class RowFormat:
             cells = next(csv.reader([line], delimiter=self._delimiter), [])
         except csv.Error as error:
             raise BadInput(f"it is no row ({error}).") from error
+        beyond = any(cell.strip() for cell in cells[self._width :])
         refuse(
-            len(cells) < self._width, f"it has {len(cells)} cells, and the heading {self._width}."
+            len(cells) < self._width or beyond,
+            f"it has {len(cells)} cells, and the heading {self._width}.",
         )
         at_time, at_position, at_speed = self._motion
         time_s = row * self._interval_s if at_time is None else self._number(cells, at_time)

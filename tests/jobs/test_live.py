@@ -9,12 +9,18 @@ import pytest
 
 from srsinv import Live, LiveCells, load
 from srsinv.recorded import sensor_of
+from tests.golden.check import golden_test
 from tests.inverse.live.scans import prior
 from tests.jobs.run import ROOT, composed, outcome, result_of, short_run
 from tests.refusals import refused
 
 EXAMPLE = ROOT / "srsinv" / "examples" / "strip_two_element.csv"
 LEVELS = [f"method.wiener.{c}.{key}" for c in "pq" for key in ("rms_Pa=1500", "correlation_m=4e-4")]
+
+
+FORMS = ("live",)
+
+test_nothing_has_moved = golden_test(FORMS)
 
 
 def piped(*overrides, **streams):

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from ...errors import BadInput, of_kind
+from ...errors import BadInput, mapping, of_kind, refuse
 from ...forward.sensor import Sensor
 from .covariance import joint_covariance
 from .one_pass import FinishedCell, LiveModel
@@ -43,7 +43,8 @@ class LiveCells(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Sequence["LiveCells"]) -> "LiveCells":
-        """Several in a row, at least one."""
+        """Several in a row, at least one. Raises `BadInput` for none."""
+        refuse(not parts, "There are no cells to join: give what push and finish returned.")
         return cls(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
 
     @property
@@ -155,6 +156,14 @@ class Live:
         self._state.track = self._state.track.stopped()
         return self._cells(finished)
 
+    def __repr__(self) -> str:
+        settings = self._state.settings
+        lag_m = float(settings.lag * settings.cell_m)
+        return (
+            f"<Live: {settings.elements} elements, cells of {self.cell_m:.4g} m, "
+            f"lag {lag_m:.4g} m, {self._model.space.states} states>"
+        )
+
     @property
     def cell_m(self) -> float:
         """The width of the cells [m]."""
@@ -188,6 +197,7 @@ class Live:
 
         Raises `BadInput` for what is no state.
         """
+        state = mapping("state", state, "the arrays by name, as numpy.load(path) reads them")
         live = object.__new__(cls)
         live._state = LiveState.of(state)
         return live
