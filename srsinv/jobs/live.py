@@ -58,6 +58,8 @@ def _stream(cfg: config.Config) -> None:
     earlier = None
     if settings.get("path") is not None:
         earlier = config.recorded_problem(cfg, config.recording(cfg))
+        for warning in earlier.warnings:
+            say(f"{earlier.name}: {warning}")
 
     def form(lines: Sequence[str]) -> RowFormat:
         elements = config.part(cfg, "sensor").get("elements")

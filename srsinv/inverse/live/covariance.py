@@ -19,6 +19,7 @@ from ...grid import Convolution, Open, Periodic, as_real, wavenumbers
 from ..line.prior import Prior
 from ..line.problem import LineProblem
 from ..method import Method
+from ..wiener import TractionSpectrum, Wiener
 
 # The signal's kernel reaches so many memories to both sides: it falls as 1/x^2, and what is beyond
 # changes a band by less than a thousandth.
@@ -149,9 +150,20 @@ def _power(
     forward = Convolution(transfer, line.cell_m, line.n, line.n)
     data = np.zeros((len(gain), line.n))
     problem = LineProblem(line, forward, data, np.ones(line.k.size), friction=friction)
-    prior = given_prior(prior, problem) if isinstance(prior, Method) else prior
-    refuse(not callable(prior), f"prior is {echo(prior)}: give {LIVE_PRIOR}.")
-    root = np.asarray(of_kind("what prior gives", prior(problem), Prior, "a Prior").root(line))
+    if isinstance(prior, TractionSpectrum):
+        prior = Wiener(prior, prior)
+    if isinstance(prior, Method):
+        prior = given_prior(prior, problem)
+    refuse(
+        not (callable(prior) or isinstance(prior, Prior)),
+        f"prior is {echo(prior)}: give {LIVE_PRIOR}.",
+    )
+    own = prior if isinstance(prior, Prior) else prior(problem)
+    root = np.asarray(of_kind("what prior gives", own, Prior, "a Prior").root(line))
+    refuse(
+        root.shape != (problem.unknowns, line.k.size),
+        "The prior is tied to another line: give a method, or what its prior_fixed_on gives.",
+    )
     longest = -(-line.n // lags)
     precision = np.maximum(root**2, root[:, longest : longest + 1] ** 2)
     refuse(

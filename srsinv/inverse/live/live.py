@@ -57,8 +57,8 @@ class Live:
     """Live inversion: p and q along x with a fixed delay, while samples arrive.
 
     - `sensor`: the [`Sensor`][srsinv.Sensor]. `prior`: a method whose levels are given, as
-      `srsinv.Wiener()`, or what `srsinv.Tikhonov().prior_fixed_on(problem)` chose on an earlier
-      recording.
+      `srsinv.Wiener()`, one spectrum for p and q alike, or what
+      `srsinv.Tikhonov().prior_fixed_on(problem)` chose on an earlier recording.
     - `noise`: "adaptive" follows the noise level; else the rms of white noise per sample, one for
       all elements or one for each, in the signal's unit.
     - `lag_m` [m]: how far behind the sensor a cell is finished. The delay is a cell more, as it

@@ -9,10 +9,14 @@ from srsinv import Film, LineProblem, Live, LiveCells, Open, Sensor, Tikhonov, W
 from srsinv.forward.amplifier import ChargeReadout, IntegratedCurrent
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.scan import ConstantSpeed
+from srsinv.inverse.tikhonov import DerivativePenalty
+from srsinv.inverse.wiener import Exponential, SpectralPrior
 from tests.inverse.live.scans import (
     CELL_M,
+    CORRELATION_M,
     DEPTH_M,
     RATE_HZ,
+    RMS_PA,
     SPEED_M_PER_S,
     drawn,
     live,
@@ -305,6 +309,19 @@ def test_prior_that_tikhonov_chose_on_an_earlier_recording():
     assert np.allclose(answers[0].p_Pa, answers[1].p_Pa, atol=1e-6 * answers[0].p_stderr_Pa.max())
 
 
+def test_a_spectrum_and_a_penalty_are_priors():
+    """As the methods with them, at the same cell width."""
+    made = [
+        [Live(Sensor(), each, lag_m=0.0, memory_m=16 * DEPTH_M).state() for each in pair]
+        for pair in (
+            (Exponential(RMS_PA, CORRELATION_M), prior()),
+            (DerivativePenalty(np.full(2, 1e-6), np.array(0.75e-3), 1), Tikhonov(1, 1e-6, 1e-6)),
+        )
+    ]
+    for one, other in made:
+        assert np.allclose(one["onwards.matrix"], other["onwards.matrix"], atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
@@ -320,6 +337,7 @@ def test_prior_that_tikhonov_chose_on_an_earlier_recording():
         ({"sensor": Sensor([Film()])}, ["friction", "element"]),
         ({"sensor": Sensor(amplifier=IntegratedCurrent())}, ["integrated"]),
         ({"prior": 3}, ["prior", "Wiener()"]),
+        ({"prior": SpectralPrior(np.ones((2, 65)))}, ["prior", "line"]),
         ({"prior": Tikhonov()}, ["Tikhonov", "prior_fixed_on"]),
         ({"prior": Wiener(scale="evidence")}, ["Wiener", "prior_fixed_on"]),
     ],
