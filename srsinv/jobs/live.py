@@ -150,9 +150,9 @@ def _played_back(cfg: config.Config) -> Result:
     depth_m, settings = float(problem.sensor.depth_m), config.part(cfg, "live")
     lag_m = _lag_m(settings, depth_m)
     first = _live(cfg, one, prior)
-    long_m = min(LONG_DEPTHS * depth_m, first.memory_m)
-    lags_m = sorted({*(each * depth_m for each in LAGS_DEPTHS if each * depth_m < long_m),
-                     min(lag_m, long_m), long_m})  # fmt: skip
+    long_m = max(min(LONG_DEPTHS * depth_m, first.memory_m), lag_m)
+    shorter_m = (each * depth_m for each in LAGS_DEPTHS if each * depth_m < long_m)
+    lags_m = sorted({*shorter_m, lag_m, long_m})
     runs, times_s, unit = [], np.zeros(0), problem.sensor.amplifier.unit
     for each in lags_m:
         with stage(f"playing back with a lag of {quantity(each, 'm')}"):

@@ -54,6 +54,14 @@ def test_played_back_with_several_lags():
     assert data["noise_level"].values.min() > 0
 
 
+def test_a_lag_longer_than_those_compared():
+    """It takes the place of the longest one."""
+    cfg = ["experiment=live", f"recording.path={EXAMPLE}", "live.memory_m=0.032"]
+    data = outcome(*cfg, "live.lag_m=0.03").dataset
+    assert data["lag"].values[-1] == pytest.approx(0.03)
+    assert float(data["p_stderr_ratio"]) == 1
+
+
 def test_an_earlier_recording_states_what_the_method_chooses(tmp_path):
     """The levels by evidence are those of the file; stated ones are as stated."""
     chosen = short_run("live").dataset.attrs
