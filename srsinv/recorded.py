@@ -149,7 +149,6 @@ def stated_problem(
             f"recording.{key}=auto needs a whole recording: give a number, or recording.path=FILE, "
             "an earlier recording of the sensor.",
         )
-    _check_elements(recording, sensor.elements)
     _check_unit(recording, sensor)
     drift, mains = recording.sidecar.get("drift"), recording.sidecar.get("mains_Hz")
     named = [] if mains is None else [float(each) for each in np.ravel(mains)]

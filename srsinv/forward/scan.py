@@ -123,6 +123,11 @@ class Motion(eqx.Module):
         """
         return as_real(_last_sign(self.speed_m_per_s))
 
+    def of_samples(self, samples: slice) -> "Motion":
+        """The motion over these of its samples. Not for traced motions."""
+        columns = self.time_s, self.position_m, self.speed_m_per_s
+        return Motion(*(np.asarray(each)[samples] for each in columns))
+
     def scaled(self, factor: Scalar) -> "Motion":
         """The motion with speeds and positions times `factor`."""
         return Motion(self.time_s, factor * self.position_m, factor * self.speed_m_per_s)

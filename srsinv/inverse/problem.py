@@ -260,9 +260,7 @@ class Problem(eqx.Module):
 
     def of_samples(self, samples: slice) -> "Problem":
         """The same problem with these of its samples alone."""
-        motion = self.motion
-        columns = (motion.time_s, motion.position_m, motion.speed_m_per_s)
-        own = Motion(*(np.asarray(each)[samples] for each in columns))
+        own = self.motion.of_samples(samples)
         rounding = None if self.rounding is None else self.rounding[:, samples]
         return with_fields(
             self, motion=own, data=self.data[:, samples], observed=self.observed[:, samples],

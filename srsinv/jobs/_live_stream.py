@@ -93,7 +93,7 @@ def stream(
         unit = rows.recording.signal_unit
         window = None if view is None else view(unit)
         _print(HEADER.format(unit=unit))
-        samples = Samples(rows)
+        samples = SampleStream(rows)
         for chunk in samples.chunks(lines[rows.heading_lines :], source):
             _print_cells(live.push(*chunk), window)
         _print_cells(live.finish(), window)
@@ -101,7 +101,7 @@ def stream(
     _close_output()
 
 
-class Samples:
+class SampleStream:
     """The samples of lines, in chunks as they arrive. Bad lines are named on standard error."""
 
     def __init__(self, rows: RowFormat):

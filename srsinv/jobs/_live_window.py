@@ -12,10 +12,11 @@ from typing import Any
 
 import numpy as np
 
+from ..numerics import BAND_90
+
 TOOLKITS = ("QtAgg", "TkAgg", "GTK4Agg", "GTK3Agg", "WXAgg", "MacOSX")
 SHOWN_CELLS = 1000  # the newest ones
 EVERY_S = 0.1  # between two drawings
-BAND_90 = 1.6448536269514722  # standard errors; not from srsinv.numerics, for a quick start
 OPEN = "open"  # printed once the window stands
 
 

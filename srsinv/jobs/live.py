@@ -107,11 +107,9 @@ def _prior(method: Method, problem: Problem) -> Any:
         return method.prior_fixed_on(problem.to_grid())
 
 
-def _live(cfg: config.Config, problem: Problem, prior: Any, lag_m: float | None = None) -> Live:
+def _live(cfg: config.Config, problem: Problem, prior: Any) -> Live:
     """The live inversion of a recording's sensor, by the configuration."""
-    settings, depth_m = config.part(cfg, "live"), float(problem.sensor.depth_m)
-    lag_m = _lag_m(settings, depth_m) if lag_m is None else lag_m
-    white = problem.noise.white
+    settings, white = config.part(cfg, "live"), problem.noise.white
     refuse(
         bool(problem.noise.causes),
         f"noise=[{','.join(['white', *problem.noise.causes])}] is not done live: give "
@@ -123,7 +121,7 @@ def _live(cfg: config.Config, problem: Problem, prior: Any, lag_m: float | None 
             problem.sensor,
             prior,
             noise="adaptive" if problem.noise.is_estimate else np.asarray(white),
-            lag_m=lag_m,
+            lag_m=_lag_m(settings, float(problem.sensor.depth_m)),
             cell_m=config.part(cfg, "recording").get("cell_m"),
             memory_m=settings.get("memory_m"),
             friction=None if problem.friction is None else float(problem.friction),
@@ -267,13 +265,10 @@ def _result(
         "component": (list(COMPONENTS), "1"),
         "element": (problem.sensor.element_names, "1"),
     }
-    data = dataset(variables, coordinates, **facts, depth_m=depth_m, warning=_warning(whole))
+    data = dataset(
+        variables, coordinates, **facts, depth_m=depth_m, warning=" ".join(whole.warnings)
+    )
     return Result(_title(name, data), data, sections("live", "assumed", **_live_plots.PLOTS))
-
-
-def _warning(whole: Estimate) -> str:
-    """What makes the estimate from all samples doubtful, as sentences; empty where nothing does."""
-    return " ".join(whole.warnings)
 
 
 def _title(name: str, data: xarray.Dataset) -> str:

@@ -7,7 +7,7 @@ from threading import Event
 import numpy as np
 import pytest
 
-from srsinv.jobs._live_stream import LineSource, Samples, _head
+from srsinv.jobs._live_stream import LineSource, SampleStream, _head
 from srsinv.recording.stream import RowFormat
 from tests.refusals import refused
 
@@ -29,7 +29,7 @@ def of_lines(lines, **settings):
     source = source_of(lines)
     head, every = _head(source)
     rows = RowFormat("lines", [f"{line}\n" for line in head], SETTINGS | settings, {})
-    samples = Samples(rows)
+    samples = SampleStream(rows)
     parts = list(samples.chunks(every[rows.heading_lines :], source))
     return rows, samples, [np.concatenate([part[i] for part in parts], axis=-1) for i in range(3)]
 

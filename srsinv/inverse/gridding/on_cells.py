@@ -36,9 +36,7 @@ class SampledSignals(NamedTuple):
 
     def cut(self, one: Pass) -> "SampledSignals":
         """One pass of them."""
-        motion = self.motion
-        columns = (motion.time_s, motion.position_m, motion.speed_m_per_s)
-        own = Motion(*(np.asarray(each)[one.samples] for each in columns))
+        own = self.motion.of_samples(one.samples)
         signal, beside = self.signal[:, one.samples], self.columns[..., one.samples]
         return self._replace(motion=own, signal=signal, columns=beside)
 

@@ -13,10 +13,11 @@ from jaxtyping import Float
 
 TOGETHER = 256  # samples gathered at once: the time for one is least there
 REACH = 2  # samples before and after one that its speed and its fourth difference need
-FOURTH = np.array([1.0, -4.0, 6.0, -4.0, 1.0])
-# Fourth differences of white noise are correlated with their neighbours: so many of them count as
-# one, the sum of the squares of their correlations.
-CORRELATED = 1 + 2 * (56**2 + 28**2 + 8**2 + 1) / 70**2
+# Fourth differences (1, -4, 6, -4, 1) of white noise of variance one have this variance, and are
+# correlated with their neighbours: so many of them count as one, the sum of the squares of their
+# correlations.
+VARIANCE = 70.0
+CORRELATED = 1 + 2 * (56**2 + 28**2 + 8**2 + 1) / VARIANCE**2
 UNEVEN = 1.5  # times the shortest interval between neighbours: a longer one is a gap
 BEHIND = 0.25  # of a cell: samples farther behind the foremost position do not count
 
@@ -150,7 +151,7 @@ class CellStream:
             shows &= _longest(steps) <= -UNEVEN * _longest(-steps)
         is_known = shows & ~np.isnan(differences)
         freedom = is_known / CORRELATED
-        squares = np.where(is_known, differences**2, 0.0) / (FOURTH @ FOURTH * CORRELATED)
+        squares = np.where(is_known, differences**2, 0.0) / (VARIANCE * CORRELATED)
         quantities = (weight, projection, weight * at, ~missing, *nuisance, squares, freedom)
         self.foremost = float(at[-1])
         return self._added(np.concatenate(quantities), low, high, time_s[own])

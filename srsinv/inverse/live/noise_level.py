@@ -110,13 +110,14 @@ class NoiseLevel:
         share, excess = np.where(is_known, share, 0.0), np.where(is_known, excess, 0.0)
         self.sums[-1, 2] += self.variance * (share**2 + share * excess)
         self.sums[-1, 3] += share**2
-        if self._has_waves.all() or not is_known.any():
+        has_waves = self._has_waves
+        if has_waves.all() or not is_known.any():
             return
         # Without short waves the level takes a step of the score's size (Gaussian likelihood).
         freedom = self.sums[:, 3].sum(axis=0)
         step = share * np.minimum(excess, MOST_EXCESS) / np.where(freedom > 0, freedom, 1.0)
         factor = np.exp(np.clip(step, -MOST_STEP, MOST_STEP))
-        self.variance = np.where(self._has_waves, self.variance, self.variance * factor)
+        self.variance = np.where(has_waves, self.variance, self.variance * factor)
 
     def _update(
         self, e: int, of_waves: float, waves: float, of_innovations: float, innovations: float

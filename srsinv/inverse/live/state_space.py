@@ -65,13 +65,8 @@ class StateSpace(NamedTuple):
         before, output = self.matrix[:m].T, self.matrix[m:]
         ahead = (self.matrix[:m] @ output.T + self.noise[:m, m:]) * sign
         size = (output @ output.T + self.noise[m:, m:]) * sign * sign[:, None]
-        cross = output.T * sign - before @ ahead
-        noise = np.block([
-            [np.eye(m) - before @ before.T, cross],
-            [cross.T, size - ahead.T @ ahead],
-        ])  # fmt: skip
-        root = root_of(noise)
-        return self._replace(matrix=np.concatenate([before, ahead.T]), noise=root @ root.T)
+        matrix, noise = _regression(before, ahead.T, output.T * sign, size)
+        return self._replace(matrix=matrix, noise=noise)
 
     def covariances(self, lags: int) -> Float[np.ndarray, "z z lag"]:
         """The model's covariances E z_a(j + lag) z_b(j), without the floor's."""
@@ -138,14 +133,25 @@ def state_space(covariance: JointCovariance, memory: int, nearest: int) -> State
     output = with_state(1) @ to_state.T
     own = with_state(0) + np.kron(np.diag(floor)[:, :channels], blocks[:, 0])
     ahead = to_state @ own.T
+    matrix, noise = _regression(transition, output, ahead, values[..., 0] + np.diag(floor))
+    return StateSpace(matrix, noise, floor, covariance.traction_Pa, covariance.signal)
+
+
+def _regression(
+    transition: Float[np.ndarray, "m m"],
+    output: Float[np.ndarray, "z m"],
+    ahead: Float[np.ndarray, "m z"],
+    size: Float[np.ndarray, "z z"],
+) -> tuple[Float[np.ndarray, "row m"], Float[np.ndarray, "row row"]]:
+    """The matrix and the noise of the regressions of x' and z on a state x of covariance 1: A, C,
+    the covariance of x' with z, and that of z."""
     cross = ahead - transition @ output.T
     noise = np.block([
-        [np.eye(m) - transition @ transition.T, cross],
-        [cross.T, values[..., 0] + np.diag(floor) - output @ output.T],
+        [np.eye(len(transition)) - transition @ transition.T, cross],
+        [cross.T, size - output @ output.T],
     ])  # fmt: skip
     root = root_of(noise)  # without what rounding makes negative
-    matrix = np.concatenate([transition, output])
-    return StateSpace(matrix, root @ root.T, floor, covariance.traction_Pa, covariance.signal)
+    return np.concatenate([transition, output]), root @ root.T
 
 
 def features(memory: int, nearest: int) -> Float[np.ndarray, "feature cell"]:
