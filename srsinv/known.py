@@ -35,6 +35,21 @@ def in_jax(tree: Tree) -> Tree:
     )
 
 
+def is_traced(*trees: Any) -> bool:
+    """Whether jax traces any of the arrays, so that their values are not known."""
+    return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def array_module(*trees: Any) -> Any:
+    """jax.numpy where jax traces any of the arrays, else numpy."""
+    return jnp if is_traced(*trees) else np
+
+
+def as_number(value: Any) -> Any:
+    """An array of one number as Python's, or as jax traces it."""
+    return value if is_traced(value) else float(value)
+
+
 def by_numpy(function: Function) -> Function:
     """`function(..., xp=jnp)`, which computes by `xp`, as a function of its other arguments: by
     numpy where they are known, else a compiled program. It gives numpy's arrays where it is given
@@ -44,8 +59,7 @@ def by_numpy(function: Function) -> Function:
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
         leaves = jax.tree.leaves(arguments)
-        is_traced = any(isinstance(leaf, Tracer) for leaf in leaves)
-        if is_traced or jax.default_backend() != "cpu":
+        if is_traced(leaves) or jax.default_backend() != "cpu":
             return program(*arguments)
         made = function(*in_numpy(arguments), xp=np)
         is_of_numpy = any(isinstance(leaf, np.ndarray | np.generic) for leaf in leaves)

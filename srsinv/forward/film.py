@@ -17,12 +17,14 @@ from jaxtyping import Array, Complex, Float, Shaped
 
 from ..errors import BadInput, number, of_kind, refuse, whole
 from ..grid import Scalar, as_real, sinc, spread_over
+from ..known import is_traced
 
 Kernel = Callable[[Float[Array, " x"]], Float[Array, "c x"]]
 StressAt = Callable[[Float[Array, " x"]], Float[Array, "4 c x"]]
 
 PANEL_DEPTHS = 20  # widest panel of a strip's mean
 MOST_PANELS = 350
+TRACED_NODES = 128  # of one panel: round-off for widths up to 14 depths
 MOST_OFFSET_M = 1e3  # far beyond, positions beside an element have no digits left
 
 ORIENTATIONS_RAD = {"1_to_x_3_to_z": 0.0, "1_to_z_3_to_x": np.pi / 2}
@@ -97,9 +99,13 @@ class StripAverage(LineEffect):
         self.width_m, self.nodes, self.panels = as_real(width_m), nodes, panels
 
     @classmethod
-    def at_depth(cls, width_m: float, depth_m: float) -> "StripAverage":
+    def at_depth(cls, width_m: Any, depth_m: Any) -> "StripAverage":
         """The average with nodes enough for round-off at this depth: 8, 16, ... 256, so that a
-        change of the numbers seldom needs another program."""
+        change of the numbers seldom needs another program. Where jax traces one of them there are
+        `TRACED_NODES`."""
+        if is_traced(width_m, depth_m):
+            return cls(width_m, TRACED_NODES)
+        width_m, depth_m = float(width_m), float(depth_m)
         # The kernel is analytic within a depth of the real axis, so that Gauss's rule converges as
         # r^(-2 nodes), r the sum of the half axes of the ellipse up to there.
         panels = max(1, int(np.ceil(width_m / (PANEL_DEPTHS * depth_m))))
@@ -276,9 +282,8 @@ class Film(eqx.Module):
         return dataclasses.replace(self, is_at_origin=True)
 
     def with_strip_average(self) -> "Film":
-        """The same film, whose charge is the mean over its width. The mean takes width and depth
-        as plain numbers: a gradient by either does not include what the mean itself changes."""
-        return self.with_effect(StripAverage.at_depth(float(self.width_m), float(self.depth_m)))
+        """The same film, whose charge is the mean over its width."""
+        return self.with_effect(StripAverage.at_depth(self.width_m, self.depth_m))
 
     def backward(self) -> "Film":
         """The same film as it slides towards -x."""

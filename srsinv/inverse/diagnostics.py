@@ -372,6 +372,14 @@ def raised_weights(decades: float) -> Sequence[str]:
     )
 
 
+def unchecked() -> Sequence[str]:
+    """Warning on an estimate that was computed under jit, vmap or grad."""
+    return (
+        "JAX traced this inversion: its validity was not checked. To see its warnings, call "
+        "it once outside jit, vmap and grad.",
+    )
+
+
 def undetermined_weights(status: Status) -> Sequence[str]:
     """Warning on weights that a rule failed to choose."""
     if status.is_answer:

@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
@@ -23,6 +24,33 @@ from ..views import Arrays, ViewData, Views
 from .diagnostics import Quality, beyond_band, error_over_truth, quality, reasons
 
 COMPONENTS = ("p", "q")
+
+
+@jax.tree_util.register_pytree_with_keys_class
+class Stats(dict[str, Any]):
+    """Numbers and words of a solution, by name. Arrays of jax are leaves of a tree, so that numbers
+    have derivatives; all else is part of its structure."""
+
+    leaves: tuple[str, ...]  # the same whatever a tree's map puts in their place
+
+    def __init__(self, values: Mapping[str, Any]):
+        super().__init__(values)
+        arrays = (name for name, value in values.items() if isinstance(value, jax.Array))
+        self.leaves = values.leaves if isinstance(values, Stats) else tuple(arrays)
+
+    def tree_flatten_with_keys(self) -> tuple[Any, Any]:
+        rest = tuple((name, value) for name, value in self.items() if name not in self.leaves)
+        return [(jax.tree_util.DictKey(name), self[name]) for name in self.leaves], (
+            self.leaves,
+            rest,
+        )
+
+    @classmethod
+    def tree_unflatten(cls, names: Any, arrays: Any) -> "Stats":
+        leaves, rest = names
+        made = cls({**dict(zip(leaves, arrays, strict=True)), **dict(rest)})
+        made.leaves = leaves
+        return made
 
 
 class Estimate(Views, eqx.Module):
@@ -174,7 +202,7 @@ class TractionEstimate(Estimate):
     friction: Float[Numbers, ""] | None
     status: Status = eqx.field(static=True, converter=Status)
     warnings: tuple[str, ...] = eqx.field(static=True)
-    stats: dict[str, Any] = eqx.field(static=True)
+    stats: Stats = eqx.field(converter=Stats)
     parameters: Mapping[str, tuple[float, float]] = eqx.field(static=True, default_factory=dict)
     covariance: Complex[Numbers, "c c k"] | Float[Numbers, "m m"] | None = None
     mean_weights: Float[Numbers, "c n"] | None = None

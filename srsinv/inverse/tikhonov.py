@@ -11,14 +11,15 @@ from jaxtyping import Array, Float
 
 from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
-from ..known import namespace
+from ..known import array_module, as_number, is_traced, namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
 from .line.prior import Prior, squared_differences
 from .line.problem import LineProblem
 from .line.rule import Choice, Evidence, Rule, to_score
-from .line.solve import PATHS, Family, Scorer, choose_path, conditioned, solve
+from .line.scorer import Family, LineScorer
+from .line.solve import PATHS, choose_path, conditioned, solve
 from .line.spectral import square, white_model
 from .method import Method
 from .problem import Problem
@@ -148,9 +149,7 @@ class Tikhonov(Method):
         """The estimate of these weights."""
         prior = DerivativePenalty(weights, self.length_m, self.order)
         stats = {"method": "tikhonov", "order": self.order, "rule": rule, "rule_status": status}
-        stats |= {
-            f"weight_{c}_per_Pa2": float(w) for c, w in zip("pq", np.asarray(weights), strict=False)
-        }
+        stats |= {f"weight_{c}_per_Pa2": as_number(w) for c, w in zip("pq", weights, strict=False)}
         how, warnings = (self.path, self.tolerance), undetermined_weights(status)
         return solve(problem, prior, *how, stats=stats, warnings=warnings)
 
@@ -176,8 +175,10 @@ class Tikhonov(Method):
         low, high = box = self._box(problem, given)
         name, family = type(self.rule).__name__, Penalties(self.length_m, self.order)
         problem = to_score(problem, family, box, self.path)
-        choice = self.rule.choose(Scorer(family, problem, self.path), as_real(box))
+        choice = self.rule.choose(LineScorer(family, problem, self.path), as_real(box))
         of_kind(f"what {name}.choose gives", choice, Choice, "a Choice of srsinv.inverse.rule")
+        if is_traced(choice, box):
+            return choice
         chosen = np.asarray(choice.log_weights)
         fits = chosen.shape == low.shape and np.all((low <= chosen) & (chosen <= high))
         refuse(
@@ -187,22 +188,24 @@ class Tikhonov(Method):
         )
         return choice
 
-    def _box(self, problem: LineProblem, given: Weights) -> Float[np.ndarray, "2 c"]:
+    def _box(self, problem: LineProblem, given: Weights) -> Float[Numbers, "2 c"]:
         """Range of the log10 weight: from far below to above the signal's information per mode."""
         # Normal equations square the condition number, so there round-off sets the lower end.
         below = 12.0
         if choose_path(problem, self.path) != "spectral":
             below = min(below, -4.0 - float(np.log10(jnp.finfo(problem.data.dtype).eps)))
-        information = np.sum(square(white_model(problem)), axis=0)
-        most = np.log10(np.max(information, axis=-1))
-        box = np.stack([most - below, most + 4.0])
-        for c, weight in enumerate(given):
-            box[:, c] = box[:, c] if weight is None else np.log10(weight)
-        return np.asarray(as_real(box))
+        xp = array_module(problem, given)
+        information = xp.sum(square(white_model(problem)), axis=0)
+        most = xp.log10(xp.max(information, axis=-1))
+        each = zip(most, given, strict=True)
+        middle = xp.stack([own if weight is None else xp.log10(weight) for own, weight in each])
+        is_free = np.array([weight is None for weight in given])
+        box = xp.stack([middle - below * is_free, middle + 4.0 * is_free])
+        return as_real(box) if xp is jnp else np.asarray(as_real(box))
 
 
 def _known(weights: Weights) -> Float[np.ndarray, " c"] | None:
     """The weights, where all are given."""
     if any(weight is None for weight in weights):
         return None
-    return np.stack([np.asarray(weight) for weight in weights])
+    return array_module(weights).stack(list(weights))

@@ -12,14 +12,15 @@ from jaxtyping import Array, Float
 from ..errors import choice, number, of_kind
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
-from ..known import by_numpy, namespace
+from ..known import array_module, as_number, by_numpy, is_traced, namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
 from .line.prior import Prior
 from .line.problem import LineProblem
 from .line.rule import Evidence, to_score
-from .line.solve import PATHS, Family, Scorer, conditioned, solve
+from .line.scorer import Family, LineScorer
+from .line.solve import PATHS, conditioned, solve
 from .method import Method
 from .problem import Problem
 
@@ -153,7 +154,8 @@ class Wiener(Method):
         if self.scale == "given":
             return self._solved(problem, power, Status.GIVEN)
         scale, status = _likely_scale(problem, power, self.path)
-        scaled = np.asarray(scale)[:, None] * np.asarray(power)
+        xp = array_module(scale, power)
+        scaled = xp.asarray(scale)[:, None] * xp.asarray(power)
         return conditioned(
             lambda decades: self._solved(problem, as_real(scaled / 10**decades), status)
         )
@@ -166,8 +168,8 @@ class Wiener(Method):
         if self.scale == "evidence":
             stats["scale_rule"] = status
         stats |= {
-            f"rms_{c}_Pa": float(np.sqrt(half_spectrum_weights(problem.line.n) @ s))
-            for c, s in zip("pq", np.asarray(power), strict=False)
+            f"rms_{c}_Pa": as_number((half_spectrum_weights(problem.line.n) @ s) ** 0.5)
+            for c, s in zip("pq", power if is_traced(power) else np.asarray(power), strict=False)
         }
         how, warnings = (self.path, self.tolerance), undetermined_weights(status)
         return solve(problem, SpectralPrior(power), *how, stats=stats, warnings=warnings)
@@ -200,13 +202,15 @@ def _powers(
     return xp.stack([spectrum.power(problem) for spectrum in spectra])
 
 
-def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Array, " c"], Status]:
+def _likely_scale(
+    problem: LineProblem, power, path: str
+) -> tuple[Float[Numbers, " c"], Status]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
     middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
     box = jnp.stack([middle - 6, middle + 6])
     family = ScaledSpectra(power)
-    problem = to_score(problem, family, np.asarray(box), path)
-    choice = Evidence().choose(Scorer(family, problem, path), box)
+    problem = to_score(problem, family, box, path)
+    choice = Evidence().choose(LineScorer(family, problem, path), box)
     return 10.0**choice.log_weights, choice.status
 
 

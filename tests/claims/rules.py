@@ -33,7 +33,8 @@ from srsinv.forward.traction import Pressure
 from srsinv.inverse.line import direct, spectral
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.line.rule import Choice, Evidence, GeneralisedCrossValidation, Rule
-from srsinv.inverse.line.solve import Scorer, choose_path
+from srsinv.inverse.line.scorer import Scorer
+from srsinv.inverse.line.solve import choose_path
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
 from srsinv.jobs.trials import Row

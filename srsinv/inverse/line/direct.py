@@ -15,16 +15,20 @@ from .problem import LineProblem
 class Whitened(NamedTuple):
     """Model and data over the valid samples, in units of the noise.
 
-    Rows of missing samples are zero. An unknown offset has been projected out.
+    Rows of missing samples are zero. An unknown offset has been projected out. `nuisance`: the
+    columns of each element; `changes`: of the signals, by the rig.
     """
 
     model: Float[Array, "s m"]
     data: Float[Array, " s"]
+    nuisance: Float[Array, "e n column"]
+    changes: Float[Array, "s j"]
 
 
 @jax.jit
-def whiten(problem: LineProblem) -> Whitened:
-    """Whiten every element by the Cholesky factor of its noise covariance."""
+def whiten(problem: LineProblem, changes: Float[Array, "j e n"] | None = None) -> Whitened:
+    """Whiten every element by the Cholesky factor of its noise covariance; the `changes` of signals
+    with its data."""
     n, unknowns = problem.line.n, problem.unknowns
     basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
     columns = jnp.moveaxis(jax.vmap(problem.forward)(basis), 0, -1)  # (element, sample, unknown)
@@ -34,27 +38,32 @@ def whiten(problem: LineProblem) -> Whitened:
     lag = np.arange(n)[:, None] - np.arange(n)
     lags = jnp.fft.irfft(problem.noise.at[:, 0].set(at_zero), n)
 
-    def one(model, data, observed, scale, columns, lags):
+    def one(model, data, observed, scale, columns, lags, changes):
         toeplitz = lags[lag]
         both = observed[:, None] & observed[None, :]
         covariance = scale[:, None] * toeplitz * scale + columns.T @ columns
         root = jnp.linalg.cholesky(jnp.where(both, covariance, jnp.eye(n)))
-        rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
+        rows = [model, data[:, None], columns.T, changes, jnp.ones((n, 1))]
+        rows = jnp.concatenate(rows, axis=-1)
         rows = jnp.where(observed[:, None], rows, 0.0)
         rows = jax.scipy.linalg.solve_triangular(root, rows, lower=True)
         one = rows[:, -1]
         coefficients = (one @ rows) / jnp.maximum(one @ one, jnp.finfo(one.dtype).tiny)
         rows = rows - jnp.where(free_offset, one[:, None] * coefficients[None, :], 0.0)
-        return rows[:, :-2], rows[:, -2]
+        model, data = rows[:, : unknowns * n], rows[:, unknowns * n]
+        further = rows[:, unknowns * n + 1 : -1]
+        return model, data, further[:, : len(columns)], further[:, len(columns) :]
 
     # Not batched: batched LAPACK on a CPU can deadlock (see `nonlinear`).
     scale = jnp.ones(problem.data.shape) if problem.noise_scale is None else problem.noise_scale
     nothing = jnp.zeros((len(problem.data), 0, n))
     nuisance = nothing if problem.nuisance is None else problem.nuisance
     of_each = jnp.broadcast_to(lags, (len(problem.data), n))
-    each = columns, problem.data, observed, scale, nuisance, of_each
-    model, data = jax.lax.map(lambda rows: one(*rows), each)
-    return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1))
+    moved = jnp.zeros((0, *problem.data.shape)) if changes is None else changes
+    each = columns, problem.data, observed, scale, nuisance, of_each, jnp.moveaxis(moved, 0, -1)
+    model, data, columns, moved = jax.lax.map(lambda rows: one(*rows), each)
+    moved = moved.reshape(data.size, -1)
+    return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1), columns, moved)
 
 
 class PosteriorFactor(NamedTuple):
@@ -96,7 +105,7 @@ def solve(problem: LineProblem, prior: Prior, white: Whitened) -> Solution:
     """
     n, unknowns = problem.line.n, problem.unknowns
     information = white.model.T @ white.model
-    posterior = _posterior(problem, information + _penalty(problem, prior))
+    posterior = _posterior(problem.zero_mean, information + _penalty(problem, prior))
     covariance = posterior.covariance()
     value = covariance @ (white.model.T @ white.data)
     variance = jnp.maximum(_variance(problem, covariance), 0.0)
@@ -129,46 +138,64 @@ def _variance(problem: LineProblem, covariance: Float[Array, "m m"]) -> Float[Ar
 
 class Scored(NamedTuple):
     """What the scores of a family's priors share: the whitened model and data, the data's
-    information on the traction, and the penalty and the root of the prior with weights of 1."""
+    information on the traction, the penalty of the prior with weights of 1, of each component the
+    `rank` of its penalty, the penalty's log pseudo-determinant `log_root`, halved, and which means
+    are not solved for. `elements`: among which the samples are divided."""
 
     white: Whitened
     information: Float[Array, "m m"]
     penalty: Float[Array, "m m"]
-    root: Float[Array, "c k"]
+    rank: Float[Array, " c"]
+    log_root: Float[Array, ""]
+    zero_mean: Bool[Array, " c"]
 
 
 @jax.jit
 def scored(problem: LineProblem, unweighted: Prior) -> Scored:
-    """The problem as scores take it."""
-    white = whiten(problem)
-    information = white.model.T @ white.model
-    root = jnp.asarray(unweighted.root(problem.line))
-    return Scored(white, information, _penalty(problem, unweighted), root)
-
-
-def score(problem: LineProblem, factor: Float[Array, " c"], of: Scored) -> Score:
-    """The score, over the valid samples, of the prior whose root is `factor` times that of weights
-    of 1; exact but for the prior's determinant.
+    """The problem as scores take it, exact but for the prior's determinant.
 
     That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
     """
-    white, each = of.white, jnp.repeat(factor**2, problem.line.n)
-    posterior = _posterior(problem, of.information + each[:, None] * of.penalty)
-    right = white.model.T @ white.data
-    # Apart, as a criterion may need the second of them alone, which is far quicker.
-    model, right = (
-        jax.scipy.linalg.solve_triangular(posterior.root, rows, lower=True)
-        for rows in (white.model.T, right)
-    )
-    residual = white.data - model.T @ right
-    root = factor[:, None] * of.root
+    white, n = whiten(problem), problem.line.n
+    root = jnp.asarray(unweighted.root(problem.line))
     root = root.at[:, 0].set(jnp.where(problem.zero_mean, 0.0, root[:, 0]))
-    weights = problem.line.n * half_spectrum_weights(problem.line.n)
-    log_prior = jnp.sum(weights * jnp.where(root > 0, jnp.log(jnp.where(root > 0, root, 1.0)), 0.0))
+    weights, is_held = n * half_spectrum_weights(n), root > 0
+    log_root = jnp.sum(weights * jnp.log(jnp.where(is_held, root, 1.0)))
+    information, penalty = white.model.T @ white.model, _penalty(problem, unweighted)
+    return Scored(white, information, penalty, is_held @ weights, log_root, problem.zero_mean)
+
+
+def score(factor: Float[Array, " c"], of: Scored) -> Score:
+    """The score, over the valid samples, of the prior whose root is `factor` times that of weights
+    of 1."""
+    white, each = of.white, jnp.repeat(factor**2, len(of.penalty) // factor.size)
+    penalty = each[:, None] * of.penalty
+    posterior = _posterior(of.zero_mean, of.information + penalty)
+
+    def solved(right: Array) -> Array:
+        return jax.scipy.linalg.solve_triangular(posterior.root, right, lower=True)
+
+    # Apart, as a criterion may need some terms alone, which are far quicker.
+    model, right = solved(white.model.T), solved(white.model.T @ white.data)
+    residual = white.data - model.T @ right
+    value = jax.scipy.linalg.solve_triangular(posterior.root, right, trans=1, lower=True)
+    pulling = penalty @ value
+    pull = solved(_centre(pulling[:, None], of.zero_mean)[:, 0])
+    moved = jax.scipy.linalg.solve_triangular(posterior.root, pull, trans=1, lower=True)
+    log_prior = of.rank @ jnp.log(factor) + of.log_root
     log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
-    log_posterior -= jnp.sum(problem.zero_mean) * jnp.log(posterior.scale) / 2
+    log_posterior -= jnp.sum(of.zero_mean) * jnp.log(posterior.scale) / 2
     square = white.data @ white.data - right @ right
-    return Score(residual @ residual, jnp.sum(model**2), log_prior - log_posterior - square / 2)
+    rows = residual.reshape(len(white.nuisance), -1)
+    return Score(
+        residual @ residual,
+        jnp.sum(model**2),
+        log_prior - log_posterior - square / 2,
+        value @ pulling,
+        pull @ pull,
+        jnp.sum(_centre(moved[:, None], jnp.ones(factor.shape, bool)) ** 2),
+        jnp.sum(jnp.abs(jnp.fft.rfft(rows)) ** 2, axis=0),
+    )
 
 
 def _penalty(problem: LineProblem, prior: Prior) -> Float[Array, "m m"]:
@@ -180,10 +207,8 @@ def _penalty(problem: LineProblem, prior: Prior) -> Float[Array, "m m"]:
     return rows.reshape(size, size)
 
 
-def _posterior(problem: LineProblem, precision: Float[Array, "m m"]) -> PosteriorFactor:
-    zero_mean = _centre(_centre(precision, problem.zero_mean).T, problem.zero_mean)
+def _posterior(zero_mean: Bool[Array, " c"], precision: Float[Array, "m m"]) -> PosteriorFactor:
+    centred = _centre(_centre(precision, zero_mean).T, zero_mean)
     scale = jnp.mean(jnp.diagonal(precision))
-    root = jnp.linalg.cholesky(zero_mean + scale * _means(precision, problem.zero_mean))
-    return PosteriorFactor(
-        root, problem.zero_mean, scale, jnp.max(jnp.sum(jnp.abs(zero_mean), axis=0))
-    )
+    root = jnp.linalg.cholesky(centred + scale * _means(precision, zero_mean))
+    return PosteriorFactor(root, zero_mean, scale, jnp.max(jnp.sum(jnp.abs(centred), axis=0)))

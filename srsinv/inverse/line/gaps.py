@@ -90,6 +90,8 @@ class Gaps:
         every = slice(None)
         if self.cell.size > MOST:
             return None
+        if not self.cell.size:
+            return lambda values: values
         inverse = DenseInverse(self.matrix(lags, every, every)).whole
         return lambda values: inverse @ values
 

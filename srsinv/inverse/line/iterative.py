@@ -153,6 +153,9 @@ def _inverse(matrix: Float[np.ndarray, "m m"]) -> Float[np.ndarray, "m m"]:
 
 RIG = 1e-6  # of what an error of the rig makes of the estimate: bands are within 3 %
 DRAWS = 3  # of noise, that the map is tried with
+# In double precision; beyond this condition number the weakest traction is less than the tolerance
+# of the whole.
+TRUSTED = 1e11
 LEFT_TO_ROUNDING = 1 / float(np.finfo(float).eps)  # a condition number
 
 Signal = Float[np.ndarray, "e n"]
@@ -297,7 +300,10 @@ class Marginal:
 
     def mean(self, y: Signal, least: float = 0.0) -> Solved:
         """The posterior mean of the traction of a signal, to this tolerance at `least`."""
-        right = self._posterior.equations.adjoint(self._weigh(y))
+        return self.times(self._posterior.equations.adjoint(self._weigh(y)), least)
+
+    def times(self, right: Traction, least: float = 0.0) -> Solved:
+        """The covariance times `right`, to this tolerance at `least`."""
         solved = self._posterior.times(right, max(self._tolerance, least))
         if self._beside is None:
             return solved
@@ -313,6 +319,14 @@ def value(problem: LineProblem, prior: Prior, tolerance: float) -> Solved:
     """Posterior mean to a relative `tolerance`, without its standard error."""
     posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
     return Marginal(problem, posterior, tolerance).mean(np.asarray(problem.data, float))
+
+
+def times_covariance(
+    problem: LineProblem, prior: Prior, right: Traction, tolerance: float
+) -> Traction:
+    """The posterior covariance times a right side, to a relative `tolerance`."""
+    posterior = PosteriorMap(with_fields(problem, nuisance=None), prior)
+    return Marginal(problem, posterior, tolerance).times(posterior.normal.centre(right)).value
 
 
 class IterativeSolution(NamedTuple):
@@ -342,7 +356,7 @@ def solve(problem: LineProblem, prior: Prior, tolerance: float) -> IterativeSolu
     mean, *averaging = (each.value for each in solved)
     moved = solved_directions(
         lambda changes: each_on_a_core(lambda y: marginal.mean(y, RIG).value, changes, n),
-        problem.changed_signals(mean),
+        np.asarray(problem.changed_signals(mean)),
         problem.rig_rows,
     )
     spread = marginal.variance(np.asarray(problem.mean_weights))

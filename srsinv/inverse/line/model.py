@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from ...grid import Convolution, Line
-from ...known import by_numpy
+from ...known import array_module, by_numpy, is_traced
 from ...quantities import quantity
 from ..estimate import COMPONENTS, Numbers
 
@@ -78,7 +78,7 @@ class LineModel(eqx.Module):
     forward: eqx.AbstractVar[Convolution]
     data: eqx.AbstractVar[Float[Array, "e n"]]
     noise: eqx.AbstractVar[Float[Array, "#e k"]]
-    observed: eqx.AbstractVar[Bool[Array, "e n"] | None]
+    observed: eqx.AbstractVar[Bool[Numbers, "e n"] | None]
     noise_scale: eqx.AbstractVar[Float[Array, "e n"] | None]
     known_mean_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
     background_Pa: eqx.AbstractVar[tuple[Float[Array, ""] | None, Float[Array, ""] | None]]
@@ -88,11 +88,11 @@ class LineModel(eqx.Module):
     mean_signal: eqx.AbstractVar[Float[Array, "e n"]]
 
     @property
-    def is_observed(self) -> Bool[np.ndarray, "e n"]:
-        """The mask of valid samples."""
+    def is_observed(self) -> Bool[Any, "e n"]:
+        """The mask of valid samples; traced where it is."""
         if self.observed is None:
             return np.ones(self.data.shape, bool)
-        return np.asarray(self.observed)
+        return array_module(self.observed).asarray(self.observed)
 
     @property
     def observed_cells(self) -> Bool[np.ndarray, " n"]:
@@ -139,9 +139,12 @@ class LineModel(eqx.Module):
         return _over_root(self.noise)
 
     @property
-    def sample_count(self) -> int:
-        """Number of valid samples, over all elements."""
-        return int(self.data.size if self.observed is None else np.sum(np.asarray(self.observed)))
+    def sample_count(self) -> Any:
+        """Number of valid samples, over all elements; traced where the mask is."""
+        if self.observed is None:
+            return int(self.data.size)
+        observed: Any = self.observed
+        return jnp.sum(observed) if is_traced(observed) else int(np.sum(observed))
 
     @by_numpy
     def free_offset(self, y: Float[Numbers, "e n"], xp: Any = jnp) -> Float[Numbers, "e 1"]:
@@ -224,7 +227,9 @@ class LineModel(eqx.Module):
     @property
     def mean_unobserved(self) -> tuple[str, ...]:
         """The components whose mean the signal does not show, or hardly."""
-        is_observable = np.asarray(self.mean_is_observable)
+        is_observable = self.mean_is_observable
+        if is_traced(is_observable):  # what is known without numbers
+            is_observable = [self.forward.has_dc_gain] * self.unknowns
         return tuple(
             name
             for c, name in enumerate(COMPONENTS[: self.unknowns])

@@ -204,7 +204,7 @@ class PriorScore:
     @property
     def whole(self) -> Score:
         """All terms."""
-        return Score(*(as_real(each) for each in (self.residual, self.freedom, self.log_evidence)))
+        return Score(*(as_real(getattr(self, name)) for name in Score._fields))
 
     @property
     def residual(self) -> float:
@@ -223,3 +223,38 @@ class PriorScore:
         ratio = np.sum(np.log(np.where(diagonal > 0, diagonal, 1.0)), axis=0)
         determinant = near.log_determinant(self._blocks)
         return near.n * float(weights @ ratio) - square / 2 + determinant / 2
+
+    @cached_property
+    def _pulling(self) -> Complex[np.ndarray, "c k"]:
+        """P r = G^H N^-1/2 of the whitened residual."""
+        return times(adjoint(self._near.model), self._whitened)
+
+    @property
+    def _whitened(self) -> Complex[np.ndarray, "e k"]:
+        white = self._near.white
+        return np.where(white > 0, self._surprise / np.where(white > 0, white, 1.0), 0.0)
+
+    @cached_property
+    def _moved(self) -> Complex[np.ndarray, "c k"]:
+        """C P r."""
+        near = self._near
+        pulling = from_spectrum(self._pulling, near.n)
+        return to_spectrum(near.covariance_times(pulling, near.over_gaps_inverse()))
+
+    @property
+    def seminorm(self) -> float:
+        root = self._near.root
+        over = np.where(root > 0, self._pulling / np.where(root > 0, root, 1.0), 0.0)
+        return float(np.sum(self._weights * np.abs(over) ** 2))
+
+    @property
+    def pull(self) -> float:
+        return float(np.sum(self._weights * np.real(self._pulling.conj() * self._moved)))
+
+    @property
+    def movement(self) -> float:
+        return float(np.sum((self._weights * np.abs(self._moved) ** 2)[:, 1:]))
+
+    @property
+    def periodogram(self) -> Float[np.ndarray, " k"]:
+        return np.sum(np.abs(self._whitened) ** 2, axis=0)

@@ -60,11 +60,25 @@ def squared_differences(
 
 
 class Score(NamedTuple):
-    """Terms of a rule's criterion for a prior: scalars, or one number for each prior of a batch."""
+    """Terms of a rule's criterion for a prior of precision P: scalars, or one number for each prior
+    of a batch. r is the solution, C its posterior covariance, and all weights move together where a
+    derivative is by their common logarithm, log w.
 
-    residual: Float[Array, "..."]  # whitened residual sum of squares
-    freedom: Float[Array, "..."]  # effective number of fitted parameters
-    log_evidence: Float[Array, "..."]  # of the nearest periodic model, up to a constant
+    - `residual`: the whitened residual's sum of squares; `freedom`: the effective number of fitted
+      parameters; `log_evidence`: up to a constant, of the nearest periodic model where the path
+      takes that.
+    - `seminorm`: r^T P r. `pull`: (P r)^T C P r, half the residual's derivative by log w.
+    - `movement`: |C P r|^2 less its mean, the square of the solution's derivative by log w.
+    - `periodogram` (k,): the whitened residual's power, summed over elements.
+    """
+
+    residual: Float[Array, "..."]
+    freedom: Float[Array, "..."]
+    log_evidence: Float[Array, "..."]
+    seminorm: Float[Array, "..."]
+    pull: Float[Array, "..."]
+    movement: Float[Array, "..."]
+    periodogram: Float[Array, "... k"]
 
 
 class Solution(NamedTuple):

@@ -20,11 +20,11 @@ from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Convolution, Line, Operator, as_real
-from ...known import in_jax, in_numpy
+from ...known import array_module, in_jax, in_numpy, is_traced
 from ...modules import with_fields
 from ...status import Status
 from ..diagnostics import beyond_modulus, residual_over_noise, unchecked_residual
-from ..estimate import TractionEstimate
+from ..estimate import Numbers, TractionEstimate
 from ..gridding.cells import Window
 from ..gridding.passes import AveragedPasses
 from ..noise.model import Samples, noise_on_line
@@ -220,7 +220,7 @@ class LineProblem(LineModel):
     forward: Convolution
     data: Float[Array, "e n"]
     noise: Float[Array, "#e k"]
-    observed: Bool[Array, "e n"] | None
+    observed: Bool[Numbers, "e n"] | None
     noise_scale: Float[Array, "e n"] | None
     nuisance: Float[Array, "e column n"] | None
     known_mean_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
@@ -281,11 +281,13 @@ class LineProblem(LineModel):
         self.rig_rows, self.rig_sources = None, tuple(rig_sources)
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         if observed is not None:
-            # With a dtype, without which each shape would be compiled.
-            observed = None if np.all(observed) else jnp.asarray(observed, dtype=bool)
+            observed = np.asarray(observed, bool)
+            observed = None if observed.all() else observed
         self.observed, self.sensor, self.scan = observed, sensor, scan
         self.signal_unit = "1" if sensor is None else sensor.amplifier.unit
-        self.scanned = None if scan is None else _scanned(line.n, observed, scan)
+        self.scanned = None
+        if scan is not None and not is_traced(scan):  # a fit takes the order of time
+            self.scanned = _scanned(line.n, observed, scan)
         self.known_mean_Pa = _pair(known_mean_Pa)
         self.background_Pa = _pair(background_Pa)
         self.zero_mean = have_zero_mean(forward, noise, self._known)
@@ -339,24 +341,29 @@ class LineProblem(LineModel):
         texts, problems share them."""
         return with_fields(self, warnings=())
 
-    def rig_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "k e n"]:
+    def rig_signals(self, traction: Float[Any, "c n"]) -> Float[Numbers, "k e n"]:
         """The changes of the signals of a traction by one standard deviation of the rig, in each
         independent direction; 0 where samples are missing. None: the rig is exact."""
         changes, rows = self.changed_signals(traction), self.rig_rows
-        return changes if rows is None else np.einsum("kj,jen->ken", rows, changes)
+        return (
+            changes if rows is None else array_module(changes).einsum("kj,jen->ken", rows, changes)
+        )
 
-    def changed_signals(self, traction: Float[Any, "c n"]) -> Float[np.ndarray, "j e n"]:
+    def changed_signals(self, traction: Float[Any, "c n"]) -> Float[Numbers, "j e n"]:
         """The same for each of `rig_changes`, whose independent sums `rig_rows` has."""
         if self.rig_changes is None:
             return np.zeros((0, *self.data.shape))
-        operators, traction = in_numpy((self.rig_changes, self.forward)), np.asarray(traction)
-        signals = np.asarray(operators[0](traction), float).reshape(-1, *self.data.shape)
-        if self.rig_stretch_m is not None:
+        operators, stretch_m = (self.rig_changes, self.forward), self.rig_stretch_m
+        xp = array_module(operators, traction, self.line)
+        if xp is np:
+            operators, traction = in_numpy(operators), np.asarray(traction)
+        signals = xp.asarray(operators[0](traction), float).reshape(-1, *self.data.shape)
+        if stretch_m is not None:
             # At another speed the sensor is elsewhere, the further the longer it has moved.
-            own = np.asarray(operators[1](traction), float)
-            slope = np.gradient(own, float(self.line.cell_m), axis=-1)
-            signals = signals + np.asarray(self.rig_stretch_m)[:, None] * slope
-        return np.where(self.is_observed, signals, 0.0)
+            own = xp.asarray(operators[1](traction), float)
+            slope = xp.gradient(own, axis=-1) / xp.asarray(self.line.cell_m)
+            signals = signals + xp.asarray(stretch_m)[:, None] * slope
+        return xp.where(self.is_observed, signals, 0.0)
 
     @property
     def window(self) -> Window:
@@ -386,7 +393,7 @@ class LineProblem(LineModel):
 
     def restricted_to(self, cells: Bool[np.ndarray, " n"]) -> "LineProblem":
         """The same problem with the samples of these cells alone."""
-        observed = jnp.asarray(self.is_observed & cells)
+        observed = self.is_observed & cells
         both = observed, jnp.where(observed, self.data, 0.0)
         is_none = {"is_leaf": lambda leaf: leaf is None}
         return eqx.tree_at(lambda p: (p.observed, p.data), self, both, **is_none)
@@ -452,7 +459,7 @@ def of_pressure(operator: Convolution, friction: Float[Array, ""]) -> Convolutio
     return dataclasses.replace(operator, transfer=transfer)
 
 
-def _scanned(n: int, observed: Array | None, scan: ConstantSpeed) -> ScannedCells:
+def _scanned(n: int, observed: np.ndarray | None, scan: ConstantSpeed) -> ScannedCells:
     at = np.arange(n) if observed is None else np.flatnonzero(np.any(np.asarray(observed), axis=0))
     cells = np.arange(at[0], at[-1] + 1)
     return ScannedCells(cells if float(scan.speed_m_per_s) > 0 else cells[::-1], n)

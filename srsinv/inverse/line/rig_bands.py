@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...known import array_module
 from ..estimate import Numbers, TractionEstimate
 from ..noise.nuisance import Nuisance
 from ..noise.whitener import NoisePrecision
@@ -49,13 +50,23 @@ def solved_directions(
         mixed = signs / np.sqrt(MOST_DIRECTIONS)
         mixed = mixed if rows is None else mixed @ rows
         changes, rows = np.einsum("ij,jen->ien", mixed, changes), None
-    return _in_directions(np.stack(solve(changes)), rows)
+    return np.asarray(_in_directions(np.stack(solve(changes)), rows))
+
+
+def direction_count(problem: LineProblem) -> int:
+    """The number of directions that `solved_directions` gives."""
+    if problem.rig_changes is None:
+        return 0
+    changes, rows = len(problem.rig_changes.transfer) // len(problem.data), problem.rig_rows
+    if changes > MOST_DIRECTIONS:
+        return MOST_DIRECTIONS
+    return changes if rows is None else len(rows)
 
 
 def _in_directions(
-    moved: Float[np.ndarray, "j c n"], rows: Float[np.ndarray, "k j"] | None
-) -> Float[np.ndarray, "k c n"]:
-    return moved if rows is None else np.einsum("kj,jcn->kcn", rows, moved)
+    moved: Float[Numbers, "j c n"], rows: Float[np.ndarray, "k j"] | None
+) -> Float[Numbers, "k c n"]:
+    return moved if rows is None else array_module(moved).einsum("kj,jcn->kcn", rows, moved)
 
 
 def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c n"] | None:
@@ -81,20 +92,23 @@ def _times_covariance(
 
 def rig_parts(
     moved: Float[Numbers, "j c n"], weights: Any, friction: Any
-) -> Float[np.ndarray, "j 2 n"]:
+) -> Float[Numbers, "j 2 n"]:
     """What these changes by the rig add to the errors of p and q, less their mean by `weights`
     (c, n) where that of the standard errors is taken out; `friction`: mu where q = mu p."""
-    each = np.asarray(moved, float)
-    off = each - np.einsum("jcn,cn->jc", each, np.asarray(weights))[..., None]
-    return off if friction is None else np.concatenate([off, float(friction) * off], axis=1)
+    xp = array_module(moved, weights, friction)
+    each = xp.asarray(moved, float)
+    off = each - xp.einsum("jcn,cn->jc", each, xp.asarray(weights))[..., None]
+    return off if friction is None else xp.concatenate([off, xp.asarray(friction) * off], axis=1)
 
 
 def with_rig_errors(
     problem: LineProblem, stderr: Float[Numbers, "2 n"], moved: Float[Numbers, "j c n"]
-) -> Float[np.ndarray, "2 n"]:
+) -> Float[Numbers, "2 n"]:
     """Standard errors of p and q with these changes by the rig."""
-    parts, own = rig_parts(moved, problem.mean_weights, problem.friction), np.asarray(stderr)
-    return np.sqrt(own.astype(float) ** 2 + np.sum(parts**2, axis=0)).astype(own.dtype)
+    parts = rig_parts(moved, problem.mean_weights, problem.friction)
+    xp = array_module(parts, stderr)
+    own = xp.asarray(stderr)
+    return xp.sqrt(own.astype(float) ** 2 + xp.sum(parts**2, axis=0)).astype(own.dtype)
 
 
 def stderr_by_source(

@@ -1,4 +1,6 @@
-"""Choosing the regularisation: generalised cross validation, evidence.
+"""Choosing the regularisation: evidence, generalised cross validation, unbiased predictive risk,
+corrected Akaike criterion, discrepancy principle, L-curve, normalised cumulative periodogram,
+quasi-optimality.
 
 A rule depends on a method only through its scores, a batch of log10 weights (b, c) at a time. So it
 serves every method and every path alike. Where signals have nuisance columns, a first estimate of
@@ -14,17 +16,20 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...grid import as_real
+from ...known import is_traced
 from ...status import Status
+from ..estimate import Numbers
 from ..noise.nuisance import scored
 from . import iterative
 from .problem import LineProblem
-from .solve import Family, Scorer, choose_path
+from .scorer import Family, LineScorer, Scorer
+from .solve import choose_path
 
 
 class Choice(eqx.Module):
     """The chosen log10 weights (c,) and how the choice ended."""
 
-    log_weights: Float[Array, " c"]
+    log_weights: Float[Numbers, " c"]
     status: Status = eqx.field(static=True, converter=Status)
 
 
@@ -45,7 +50,10 @@ class Rule(eqx.Module):
 
 
 class CriterionRule(Rule):
-    """A rule that minimises a criterion of the score."""
+    """A rule that minimises a criterion of the score. `is_joint`: whether all weights move together
+    along the box's diagonal, as under a criterion that determines one number alone."""
+
+    is_joint: ClassVar[bool] = False
 
     @staticmethod
     @abc.abstractmethod
@@ -53,31 +61,14 @@ class CriterionRule(Rule):
         """The criterion to minimise, from the terms of a [`Score`][], one number for each prior."""
 
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
-        # A scan along the box's diagonal, then grids about the best point, each half as wide: no
-        # derivative, bounded, and the same answer every time.
+        logs = scorer.least(self.criterion, box, self.is_joint)
+        if is_traced(logs, box):
+            return Choice(logs, Status.CONVERGED)
         low, high = np.asarray(box)
-
-        known: dict[tuple[float, ...], float] = {}  # the grids share points
-
-        def best(points):
-            rows = [tuple(row) for row in points.tolist()]
-            new = [row for row in dict.fromkeys(rows) if row not in known]
-            if new:
-                values = np.asarray(scorer.values(self.criterion, np.array(new)))
-                known.update(zip(new, values.tolist(), strict=True))
-            every = np.array([known[row] for row in rows])
-            return points[np.argmin(np.where(np.isfinite(every), every, np.inf))]
-
-        fractions = np.linspace(1, 0, 19)[:, None]  # from strong to weak: ties go to the smoother
-        centre = best(low + fractions * (high - low))
-        for half in (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625):
-            ends = zip(centre, low, high, strict=True)
-            axes = [np.clip([c + half, c, c - half], a, b) for c, a, b in ends]
-            grid = np.meshgrid(*axes, indexing="ij")
-            centre = best(np.stack(grid, axis=-1).reshape(-1, len(low)))
-        ended = (high > low) & ((centre <= low) | (centre >= high))
+        logs = np.clip(logs, low, high)
+        ended = (high > low) & ((logs <= low) | (logs >= high))
         status = Status.RANGE_END if np.any(ended) else Status.CONVERGED
-        return Choice(jnp.asarray(centre), status)
+        return Choice(jnp.asarray(logs), status)
 
 
 class GeneralisedCrossValidation(CriterionRule):
@@ -108,11 +99,101 @@ class Evidence(CriterionRule):
         return -score.log_evidence
 
 
+class UnbiasedPredictiveRisk(CriterionRule):
+    """Minimise residual + 2 freedom, which is the expected error of the predicted signal but for a
+    constant: Mallows (1973), Stein (1981). It takes the noise level as known."""
+
+    name: ClassVar[str] = "unbiased predictive risk"
+
+    @staticmethod
+    def criterion(score: Any, samples: int) -> Any:
+        del samples
+        return score.residual + 2 * score.freedom
+
+
+class CorrectedAkaikeCriterion(CriterionRule):
+    """Minimise log(residual) + 2 (freedom + 1) / (N - freedom - 2): Hurvich, Simonoff and Tsai
+    (1998). It needs no noise level. Akaike's own criterion, which has N below, prefers to fit
+    everything."""
+
+    name: ClassVar[str] = "corrected Akaike criterion"
+
+    @staticmethod
+    def criterion(score: Any, samples: int) -> Any:
+        left = samples - score.freedom - 2
+        penalty = 2 * (score.freedom + 1) / jnp.where(left > 0, left, 1.0)
+        return jnp.where(left > 0, jnp.log(score.residual) + penalty, jnp.inf)
+
+
+class DiscrepancyPrinciple(CriterionRule):
+    """The residual is as large as the noise: residual = N (Morozov 1966). It takes the noise level
+    as known, and smooths more than others."""
+
+    name: ClassVar[str] = "discrepancy principle"
+    is_joint: ClassVar[bool] = True
+
+    @staticmethod
+    def criterion(score: Any, samples: int) -> Any:
+        return jnp.log(score.residual / samples) ** 2
+
+
+class LCurve(CriterionRule):
+    """The corner of the curve of log seminorm over log residual: the largest curvature, by
+    Hansen and O'Leary (1993), equation 18, in the terms of a score. It needs no noise level."""
+
+    name: ClassVar[str] = "L-curve"
+    is_joint: ClassVar[bool] = True
+
+    @staticmethod
+    def criterion(score: Any, samples: int) -> Any:
+        # By s = log weight the logarithms of the two norms have the slopes q/R and -q/S. The second
+        # derivatives of both have the seminorm's own, which drops out of the curvature.
+        residual, seminorm, pull = score.residual, score.seminorm, score.pull
+        over = 1 / residual + 1 / seminorm
+        size = (1 / residual**2 + 1 / seminorm**2) ** 1.5
+        curvature = (1 / pull - 2 * over) / (residual * seminorm * size)
+        return jnp.where(_is_partly_resolved(score, samples), -curvature, jnp.inf)
+
+
+class NormalisedCumulativePeriodogram(CriterionRule):
+    """The whitened residual's cumulative periodogram, over its end, is nearest to a straight line:
+    white noise is left (Rust 2000; Hansen, Kilmer and Kjeldsen 2006). It needs no noise level."""
+
+    name: ClassVar[str] = "normalised cumulative periodogram"
+    is_joint: ClassVar[bool] = True
+
+    @staticmethod
+    def criterion(score: Any, samples: int) -> Any:
+        del samples
+        cumulative = jnp.cumsum(score.periodogram[1:])
+        line = jnp.arange(1, cumulative.size + 1) / cumulative.size
+        return jnp.sum((cumulative / cumulative[-1] - line) ** 2)
+
+
+class QuasiOptimality(CriterionRule):
+    """The solution moves least with the logarithm of the weight: Tikhonov and Glasko (1965). It
+    needs no noise level."""
+
+    name: ClassVar[str] = "quasi-optimality"
+    is_joint: ClassVar[bool] = True
+
+    @staticmethod
+    def criterion(score: Any, samples: int) -> Any:
+        return jnp.where(_is_partly_resolved(score, samples), jnp.log(score.movement), jnp.inf)
+
+
+def _is_partly_resolved(score: Any, samples: int) -> Any:
+    """Whether a solution resolves something, and is not all of the signal: beyond, it moves no
+    more."""
+    return (score.freedom > PARTLY) & (score.freedom < samples - PARTLY)
+
+
+PARTLY = 0.5  # degrees of freedom: at the largest and the smallest singular value
 TOLERANCE = 1e-4
 
 
 def to_score(
-    problem: LineProblem, family: Family, box: Float[np.ndarray, "2 c"], path: str
+    problem: LineProblem, family: Family, box: Float[Numbers, "2 c"], path: str
 ) -> LineProblem:
     """The problem whose scores a rule goes by, its weights in the `box`.
 
@@ -122,5 +203,5 @@ def to_score(
     """
     if problem.nuisance is None or choose_path(problem, path) != "iterative":
         return problem
-    first = Evidence().choose(Scorer(family, problem, path), as_real(box)).log_weights
+    first = Evidence().choose(LineScorer(family, problem, path), as_real(box)).log_weights
     return scored(problem, iterative.value(problem, family(first), TOLERANCE).value)

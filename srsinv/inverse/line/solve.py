@@ -7,47 +7,30 @@
   problem with the same samples missing.
 """
 
-import abc
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
-from functools import partial
 from types import MappingProxyType
-from typing import Any, ClassVar, cast
+from typing import Any
 
-import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ...errors import refuse
-from ...known import in_numpy
+from ...known import in_jax, is_traced
 from ...status import Status
 from .. import diagnostics
-from ..estimate import COMPONENTS, Estimate, Numbers, TractionEstimate
-from ..noise.levels import at_one_level
-from ..noise.nuisance import scored
-from . import direct, iterative, spectral
+from ..estimate import COMPONENTS, Estimate, TractionEstimate
+from . import direct, iterative
 from .answer import CheckedSolution, Runs, answer_of, spectral_answer
-from .gaps import Gaps
 from .model import chi2
-from .near_periodic import PeriodicModel, PriorScore
-from .prior import Prior, Score, Solution
+from .prior import Prior, Solution
 from .problem import LineProblem
+from .pure import TRUSTED, pure_estimate
 from .rig_bands import rig_errors, with_rig_errors
-from .transforms import each_on_a_core
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
-# Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
-# some 70 times the condition's round-off. The iterative path is in double precision, and beyond its
-# own the weakest traction is less than its tolerance of the whole.
-TRUSTED = {"float64": 6e11, "float32": 1.7e4}
-TRUSTED_ITERATIVE = 1e11
 RAISED = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # decades, by which chosen weights are raised
 PATHS = ("auto", "spectral", "direct", "iterative")
-TOGETHER = 3  # weights that are scored at once
-BATCH = 21  # weights of one call at least, more than in a rule's first scan: one program serves all
-Criterion = Callable[[Score, int], Any]
 
 
 def solve(
@@ -67,6 +50,8 @@ def solve(
     """
     given, problem = problem.warnings, problem.without_warnings()
     path = choose_path(problem, path)
+    if is_traced(problem, prior):
+        return pure_estimate(problem, prior, (path, tolerance), stats, (*given, *warnings))
     stats = {**stats, "path": path}
     status, eps = Status.CONVERGED, float(jnp.finfo(problem.data.dtype).eps)
     if path == "spectral":
@@ -83,7 +68,7 @@ def solve(
         if not converged:
             status = Status.STEP_LIMIT
         elif not problem.separable:
-            status = _trusted(solution, TRUSTED_ITERATIVE)
+            status = _trusted(solution, iterative.TRUSTED)
         answer = answer_of(problem, prior, solution)
     return _estimate(problem, answer, status, stats, (given, warnings))
 
@@ -124,114 +109,6 @@ def choose_path(problem: LineProblem, path: str) -> str:
     return path
 
 
-class Family(eqx.Module):
-    """A family of priors, by their log10 weights, for a rule to choose from: P is that of weights 0
-    times 10^(`sign` log10 weight), for each component."""
-
-    sign: ClassVar[int]
-
-    @abc.abstractmethod
-    def __call__(self, log_weights: Float[Numbers, " c"]) -> Prior:
-        """The prior with these weights."""
-
-
-class Scorer(eqx.Module):
-    """Scores of a family's priors, by the path that will solve the problem."""
-
-    family: Family
-    problem: LineProblem
-    reduced: "direct.Scored | tuple[spectral.Reduced, Numbers] | PeriodicModel"
-
-    def __init__(self, family: Family, problem: LineProblem, path: str):
-        path = choose_path(problem, path)
-        self.family, self.problem = family, problem.to_grid().without_warnings()
-        if path == "iterative":
-            self.problem = at_one_level(scored(self.problem))
-        if path == "direct":
-            self.reduced = direct.scored(self.problem, family(np.zeros(self.problem.unknowns)))
-        elif path == "iterative" and problem.observed is not None:
-            self.reduced = PeriodicModel(self.problem, Gaps.of(problem.is_observed))
-        else:
-            # In double precision: weights lie in flat minima, where rounding would choose.
-            with jax.enable_x64(True):
-                # The problem, and the prior's root with weights of 1: what all weights share.
-                unweighted = family(np.zeros(self.problem.unknowns))
-                root = spectral.prior_root(self.problem.line, unweighted)
-                self.reduced = _on_device((spectral.reduced(self.problem), root))
-
-    def __call__(self, log_weights: Float[Numbers, "b c"]) -> Score:
-        """One score for each row of log10 weights."""
-        return self.values(_as_it_is, log_weights)
-
-    def values(self, criterion: Criterion, log_weights: Float[Numbers, "b c"]) -> Any:
-        """The criterion, which takes a score and the number of samples, for each row of log10
-        weights. It is compiled with the scores, of which it may need some terms alone."""
-        samples = self.problem.sample_count
-        if isinstance(periodic := self.reduced, PeriodicModel):
-            family = in_numpy(self.family)
-            found = each_on_a_core(
-                lambda logs: self._of_gaps(criterion, family(logs), periodic),
-                log_weights,
-                self.problem.line.n,
-            )
-            return jax.tree.map(lambda *terms: np.array(terms), *found)
-        count, is_direct = len(log_weights), isinstance(self.reduced, direct.Scored)
-        padded = np.zeros((max(count + -count % TOGETHER, BATCH), log_weights.shape[1]))
-        padded[:count] = log_weights
-        of = criterion, self.family, self.problem if is_direct else None, self.reduced
-        with nullcontext() if is_direct else jax.enable_x64(True):
-            values = _values(*of, padded, count, samples)
-        # Sliced by numpy, which takes a hundredth of what jax's dispatch takes.
-        return jax.tree.map(lambda each: np.asarray(each)[:count], values)
-
-    def _of_gaps(self, criterion: Criterion, prior: Prior, periodic: PeriodicModel) -> Any:
-        score = PriorScore(periodic, prior)
-        given = score.whole if criterion is _as_it_is else cast(Score, score)
-        return criterion(given, self.problem.sample_count)
-
-
-def _as_it_is(score: Score, samples: int) -> Score:
-    del samples
-    return score
-
-
-@jax.jit
-def _on_device(tree):
-    """Arrays of numpy as jax's, all at once."""
-    return tree
-
-
-@partial(jax.jit, static_argnames=("criterion", "samples"))
-def _values(
-    criterion: Criterion,
-    family: Family,
-    problem: LineProblem | None,
-    reduced,
-    log_weights,
-    count,
-    samples: int,
-):
-    def value(logs):
-        factor = 10.0 ** (family.sign * logs / 2)
-        if problem is not None:
-            return criterion(direct.score(problem, factor, reduced), samples)
-        of, root = reduced
-        return criterion(spectral.score(of, factor[:, None] * root), samples)
-
-    # LAPACK, which scores of the direct path use, one after the other: side by side it may wait for
-    # itself on a CPU. Elsewhere memory is read once for all that are scored together.
-    together, every = (1, partial(jax.lax.map, value)) if problem else (TOGETHER, jax.vmap(value))
-
-    def add(i, values):
-        rows = jax.lax.dynamic_slice_in_dim(log_weights, i * together, together)
-        put = partial(jax.lax.dynamic_update_slice_in_dim, start_index=i * together, axis=0)
-        return jax.tree.map(put, values, every(rows))
-
-    like = jax.eval_shape(value, log_weights[0])
-    empty = jax.tree.map(lambda each: jnp.zeros((len(log_weights), *each.shape), each.dtype), like)
-    return jax.lax.fori_loop(0, (count + together - 1) // together, add, empty)
-
-
 def _estimate(
     problem: LineProblem,
     answer: CheckedSolution,
@@ -254,15 +131,19 @@ def _estimate(
     stats |= chi2(problem, taken, float(parts.squares))
     return TractionEstimate(
         line=problem.line,
-        value=parts.value,
-        stderr=parts.stderr,
-        fitted=parts.fitted,
-        whitened=parts.whitened,
-        covariance=solution.covariance,
-        mean_weights=problem.mean_weights,
-        averaging=solution.averaging,
+        **in_jax(
+            {
+                "value": parts.value,
+                "stderr": parts.stderr,
+                "fitted": parts.fitted,
+                "whitened": parts.whitened,
+                "covariance": solution.covariance,
+                "mean_weights": problem.mean_weights,
+                "averaging": solution.averaging,
+                "rig_errors": moved,
+            }
+        ),
         friction=problem.friction,
-        rig_errors=moved,
         mean_unobserved=problem.mean_unobserved,
         signal_unit=problem.signal_unit,
         status=status,

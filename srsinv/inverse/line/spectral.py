@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
 from ...grid import Line, half_spectrum_weights
-from ...known import by_numpy
+from ...known import array_module, by_numpy
 from .prior import Prior, Score, Solution
 from .problem import LineProblem
 from .transforms import to_spectrum
@@ -211,20 +211,22 @@ def factorise(model: OrthogonalModel, root: Float[np.ndarray, "c k"]) -> Orthogo
 
 
 def whitened(problem: LineProblem) -> OrthogonalModel:
-    """The orthogonal model of the nearest periodic problem, in numpy and double precision."""
-    return orthogonalised(white_model(problem), np.asarray(problem.zero_mean))
+    """The orthogonal model of the nearest periodic problem, in double precision where it is
+    known."""
+    return orthogonalised(white_model(problem), array_module(problem).asarray(problem.zero_mean))
 
 
-def white_model(problem: LineProblem) -> Complex[np.ndarray, "e c k"]:
-    """N^(-1/2) G of the nearest periodic problem, in double precision."""
+def white_model(problem: LineProblem) -> Complex[Any, "e c k"]:
+    """N^(-1/2) G of the nearest periodic problem, in double precision where it is known."""
     forward = problem.forward
     transfer = forward.transfer if forward.is_circular else forward.circulant().transfer
-    return np.asarray(transfer, complex) * noise_whitener(problem)[:, None]
+    return array_module(problem).asarray(transfer, complex) * noise_whitener(problem)[:, None]
 
 
-def noise_whitener(problem: LineProblem) -> Float[np.ndarray, "#e k"]:
-    """N^(-1/2) in double precision, one row for all elements or one for each."""
-    return 1 / np.sqrt(np.asarray(problem.noise, float))
+def noise_whitener(problem: LineProblem) -> Float[Any, "#e k"]:
+    """N^(-1/2) in double precision where it is known, one row for all elements or one for each."""
+    xp = array_module(problem)
+    return 1 / xp.sqrt(xp.asarray(problem.noise, float))
 
 
 @by_numpy
@@ -235,30 +237,34 @@ def prior_root(line: Line, prior: Prior, xp: Any = jnp) -> Float[Any, "c k"]:
 
 class Reduced(NamedTuple):
     """What scores take of a problem, whatever the prior: the model without its columns, the data
-    `along` their directions (re and im, k) in phases that make t real, and the sum of squares of
-    the `rest`; `weights` (k,) of a wavenumber in a sum over all `n`."""
+    `along` their directions (re and im, k) in phases that make t real, and the square (k,) of the
+    `rest`; `weights` (k,) of a wavenumber in a sum over all `n`."""
 
     model: OrthogonalModel
     along: list[Float[Any, "2 k"]]
-    rest: float
+    rest: PerMode
     weights: PerMode
     n: float
 
 
 def reduced(problem: LineProblem) -> Reduced:
     """Reduce the nearest periodic problem, gaps as zeros."""
-    model, n = whitened(problem), problem.line.n
-    left = to_spectrum(np.asarray(problem.data, float)) * noise_whitener(problem)
+    model, n, xp = whitened(problem), problem.line.n, array_module(problem)
+    transform = to_spectrum if xp is np else xp.fft.rfft
+    left = transform(xp.asarray(problem.data, float)) * noise_whitener(problem)
     ratio, along = model.ratio, []
     for column, size in zip(model.columns, model.squares, strict=True):
-        unit = column * np.where(size > 0, 1 / np.sqrt(np.where(size > 0, size, 1.0)), 0.0)
+        unit = column * xp.where(size > 0, 1 / xp.sqrt(xp.where(size > 0, size, 1.0)), 0.0)
         along.append(_inner(unit, left))
         left = left - unit * along[-1]
     if ratio is not None:
-        along[1], ratio = along[1] * np.exp(1j * np.angle(ratio)), np.abs(ratio)
-    parts = [np.stack([z.real, z.imag]) for z in along]
+        is_any = square(ratio) > 0
+        size = xp.where(is_any, square(xp.where(is_any, ratio, 1.0)) ** 0.5, 0.0)
+        along[1] = along[1] * xp.where(is_any, ratio, 1.0) / xp.where(is_any, size, 1.0)
+        ratio = size
+    parts = [xp.stack([z.real, z.imag]) for z in along]
     weights = n * half_spectrum_weights(n)
-    rest = float(weights @ np.sum(square(left), axis=0)) / n
+    rest = xp.sum(square(left), axis=0)
     return Reduced(model._replace(columns=[], ratio=ratio), parts, rest, weights, float(n))
 
 
@@ -267,7 +273,7 @@ def score(of: Reduced, root: Float[Array, "c k"]) -> Score:
     model, at, z = of.model, pivots(of.model, list(root)), of.along
     freedom, left = at.inverse[0] * model.squares[0], [at.others[0] * z[0]]
     if len(z) == 2:
-        mix = at.prior[0] * at.inverse[1] * jnp.sqrt(model.shared * model.squares[1])
+        mix = at.prior[0] * at.inverse[1] * _safe_root(model.shared * model.squares[1])
         left = [at.prior[0] * left[0] - mix * z[1], at.others[1] * z[1] - mix * z[0]]
         freedom += at.inverse[1] * (at.prior[0] ** 2 * model.shared + model.squares[1])
     residual = sum(e[0] ** 2 + e[1] ** 2 for e in left)
@@ -275,9 +281,36 @@ def score(of: Reduced, root: Float[Array, "c k"]) -> Score:
     # log det(G S G^H + N) less its part without G, from the pivots of A^H A + P and of P; a mode
     # that the prior leaves free has no proper evidence and is left out.
     logs = sum(jnp.log(jnp.where(part > 0, part, 1.0)) for part in at.prior)
-    whole, surprise = of.rest + of.weights @ residual / of.n, of.weights @ surprise / of.n
-    evidence = (of.weights @ logs - of.rest - surprise) / 2
-    return Score(whole, of.weights @ freedom, evidence)
+    power = of.rest + residual
+    evidence = (of.weights @ logs - of.weights @ (of.rest + surprise) / of.n) / 2
+    whole = of.weights @ power / of.n
+    seminorm, pull, movement = (of.weights @ e / of.n for e in _of_solution(model, z, root))
+    return Score(whole, of.weights @ freedom, evidence, seminorm, pull, movement, power)
+
+
+def _of_solution(
+    model: OrthogonalModel, along: list[Float[Array, "2 k"]], root: Float[Array, "c k"]
+) -> tuple[PerMode, PerMode, PerMode]:
+    """Of the solution r at each wavenumber: r^H P r, (P r)^H C P r and |C P r|^2, C the posterior
+    covariance; in phases that make t real."""
+    each = zip(model.squares, along, strict=True)
+    inner = [_safe_root(size) * (z[0] + 1j * z[1]) for size, z in each]
+    solved = posterior(model, inner, list(root))
+    pulled = [weight**2 * r for weight, r in zip(root, solved.value, strict=True)]
+    moved = [
+        sum(entry * u for entry, u in zip(row, pulled, strict=True)) for row in solved.covariance
+    ]
+
+    def product(one: list[Any], other: list[Any]) -> PerMode:
+        return sum((a.conj() * b).real for a, b in zip(one, other, strict=True))
+
+    movement = product(moved, moved).at[0].set(0.0)
+    return product(solved.value, pulled), product(pulled, moved), movement
+
+
+def _safe_root(square: PerMode) -> PerMode:
+    """The root, whose derivative at zero is zero."""
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)
 
 
 def square(z: Any) -> Any:

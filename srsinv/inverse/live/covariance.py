@@ -108,8 +108,7 @@ def _kernel(sensor: Sensor, cell_m: float, reach: int) -> Float[np.ndarray, "e c
     """The signal per unit gain of one cell of unit traction, from `reach` cells before it on,
     averaged over the cell that it is recorded in."""
     films = tuple(
-        film.with_effect(StripAverage.at_depth(cell_m, float(film.depth_m)))
-        for film in sensor.elements
+        film.with_effect(StripAverage.at_depth(cell_m, film.depth_m)) for film in sensor.elements
     )
     stage = FilmSignal(sensor.skin, films, as_real(1.0), sensor.amplifier.order)
     operator = Open(reach, cell_m).operator(stage)

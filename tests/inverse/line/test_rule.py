@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv.grid import half_spectrum_weights
+from srsinv.inverse.line import rule as rules
 from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
-from srsinv.inverse.line.solve import Scorer
+from srsinv.inverse.line.scorer import LineScorer
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
 from srsinv.inverse.wiener import Exponential, ScaledSpectra
 from tests.inverse.cases import (
@@ -38,7 +40,7 @@ def penalties(order=1):
 def chosen(rule, problem, path):
     """The log10 weights that a rule chooses from all in the box."""
     box = jnp.asarray(BOX[:, : problem.unknowns])
-    choice = RULES[rule].choose(Scorer(penalties(), problem, path), box)
+    choice = RULES[rule].choose(LineScorer(penalties(), problem, path), box)
     assert choice.status == "converged"
     return np.asarray(choice.log_weights)
 
@@ -133,11 +135,33 @@ def test_scores_are_those_of_dense_matrices(name, path):
     """Residual and degrees of freedom, which generalised cross validation is made of."""
     problem = make_case(**PROBLEMS[name][0]).problem
     logs = log_weights(problem)
-    score = Scorer(penalties(), problem, path)(jnp.asarray(logs))
+    score = LineScorer(penalties(), problem, path)(jnp.asarray(logs))
     minimise = minimiser(problem)
     dense = [minimise(penalty_rows(problem, 1, 10.0**w)) for w in logs]
     np.testing.assert_allclose(score.residual, [d.residual for d in dense], rtol=1e-7)
     np.testing.assert_allclose(score.freedom, [d.freedom for d in dense], rtol=1e-7)
+
+
+@pytest.mark.parametrize(("name", "path"), quick(SCORED, *SCORED[1::4]))
+def test_terms_of_joint_rules_are_those_of_dense_matrices(name, path):
+    """Seminorm, and the derivatives by the common logarithm of all weights as differences of dense
+    solutions; the periodogram has the residual's power."""
+    problem, step = make_case(**PROBLEMS[name][0]).problem, 1e-4
+    logs = log_weights(problem)[2:-2]
+    score = LineScorer(penalties(), problem, path)(jnp.asarray(logs))
+    minimise = minimiser(problem)
+    for i, each in enumerate(logs):
+        rows = penalty_rows(problem, 1, 10.0**each)
+        at, ahead, behind = (minimise(np.exp(s / 2) * rows) for s in (0.0, step, -step))
+        slope = (ahead.value - behind.value) / (2 * step)
+        movement = np.sum((slope - slope.mean(axis=-1, keepdims=True)) ** 2)
+        pull = (ahead.residual - behind.residual) / (4 * step)
+        seminorm = np.sum((rows @ at.value.ravel()) ** 2)
+        assert float(score.seminorm[i]) == pytest.approx(seminorm, rel=1e-6)
+        assert float(score.pull[i]) == pytest.approx(pull, rel=1e-4)
+        assert float(score.movement[i]) == pytest.approx(movement, rel=1e-4)
+    n, periodogram = problem.line.n, np.asarray(score.periodogram)
+    np.testing.assert_allclose(periodogram @ half_spectrum_weights(n), score.residual, rtol=1e-9)
 
 
 def check_evidence(scorer, logs, power):
@@ -153,7 +177,7 @@ def test_evidence_is_the_log_marginal_likelihood(name, path):
     problem = make_case(**PROBLEMS[name][0]).problem
     shape = [Exponential(1e3, 1e-3).power(problem), Exponential(3e2, 2e-3).power(problem)]
     power = np.stack(shape[: problem.unknowns])
-    scorer = Scorer(ScaledSpectra(jnp.asarray(power)), problem, path)
+    scorer = LineScorer(ScaledSpectra(jnp.asarray(power)), problem, path)
     check_evidence(scorer, log_weights(problem) + 4.0, lambda w: 10.0 ** w[:, None] * power)
 
 
@@ -166,7 +190,7 @@ def test_evidence_of_a_derivative_penalty(order, path):
     k, cell = np.asarray(problem.line.k), float(problem.line.cell_m)
     symbol = (2 * DEPTH_M / cell * np.sin(k * cell / 2)) ** (2 * order)
     symbol[0] = 1.0
-    scorer = Scorer(penalties(order), problem, path)
+    scorer = LineScorer(penalties(order), problem, path)
     check_evidence(scorer, log_weights(problem), lambda w: 10.0 ** -w[:, None] / symbol)
 
 
@@ -198,3 +222,60 @@ def test_pure_noise_is_said_to_determine_nothing():
     estimate = Tikhonov(1, rule=RULES["evidence"])(problem)
     assert "end of its range" in estimate.stats["rule_status"]
     assert np.abs(estimate.value).max() < 0.05 * np.abs(case.truth).max()
+
+
+JOINT = ("DiscrepancyPrinciple", "LCurve", "NormalisedCumulativePeriodogram", "QuasiOptimality")
+
+
+@pytest.mark.parametrize("name", JOINT)
+def test_a_joint_rule_ends_where_its_criterion_is_least_along_the_diagonal(name):
+    """On a fine scan of the dense criterion there is no lower interior minimum, and the slope is
+    zero there."""
+    rule, problem = getattr(rules, name)(), make_case(noise_fraction=0.05).problem
+    scorer = LineScorer(penalties(), problem, "spectral")
+    chosen = np.asarray(rule.choose(scorer, jnp.asarray(BOX)).log_weights)
+    assert np.ptp(chosen) < 1e-9  # both ends of the box are alike
+
+    def values(decades):
+        return scorer.values(rule.criterion, np.repeat(np.asarray(decades)[:, None], 2, axis=1))
+
+    every = np.linspace(*BOX[:, 0], 1500)
+    fine = np.asarray(values(every))
+    least = (fine[1:-1] < fine[:-2]) & (fine[1:-1] < fine[2:])
+    least &= np.isfinite(fine[:-2]) & np.isfinite(fine[2:])
+    at = every[1:-1][least][np.argmin(fine[1:-1][least])]
+    assert chosen[0] == pytest.approx(at, abs=2 * (every[1] - every[0]))
+    ahead, here, behind = values(chosen[0] + np.array([1e-3, 0.0, -1e-3]))
+    assert here <= min(ahead, behind)
+
+
+@pytest.mark.parametrize("name", [*JOINT, "UnbiasedPredictiveRisk", "CorrectedAkaikeCriterion"])
+def test_every_rule_costs_little_over_the_best_weights(name):
+    """In white noise of a known level every rule is within thrice the error of the best weights."""
+    rule, errors, best = getattr(rules, name)(), [], []
+    for seed in range(4):
+        case = make_case(noise_fraction=0.05, seed=seed)
+        truth = deviation(case.problem, case.truth)
+
+        def error(estimate, problem=case.problem, truth=truth):
+            return relative(deviation(problem, np.asarray(estimate.value)), truth)
+
+        errors.append(error(Tikhonov(rule=rule)(case.problem)))
+        grid = np.linspace(-9, 0, 37)
+        best.append(min(error(Tikhonov(1, 10.0**w, 10.0**w)(case.problem)) for w in grid))
+    assert np.median(errors) < 3 * np.median(best)
+
+
+@pytest.mark.parametrize("path", ["spectral", "direct"])
+def test_the_l_curve_is_most_bent_where_its_criterion_is_least(path):
+    """The curvature of log |L r| over log |residual| by differences along the curve."""
+    scorer, step = LineScorer(penalties(), make_case(noise_fraction=0.05).problem, path), 1e-3
+    middle = np.linspace(-8.0, -3.0, 6)
+    decades = (middle[:, None] + step * np.array([-1, 0, 1])).ravel()
+    score = scorer(np.repeat(decades[:, None], 2, axis=1))
+    seminorm = np.asarray(score.seminorm) / 10.0**decades
+    curve = np.stack([np.log(score.residual), np.log(seminorm)]).reshape(2, -1, 3) / 2
+    (u, v), (uu, vv) = (curve[..., 2] - curve[..., 0]) / 2, curve @ [1.0, -2.0, 1.0]
+    curvature = (u * vv - v * uu) / np.hypot(u, v) ** 3
+    ours = -scorer.values(rules.LCurve.criterion, np.repeat(middle[:, None], 2, axis=1))
+    np.testing.assert_allclose(ours, curvature, rtol=1e-3, atol=1e-3 * np.abs(curvature).max())
