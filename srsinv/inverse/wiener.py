@@ -202,9 +202,7 @@ def _powers(
     return xp.stack([spectrum.power(problem) for spectrum in spectra])
 
 
-def _likely_scale(
-    problem: LineProblem, power, path: str
-) -> tuple[Float[Numbers, " c"], Status]:
+def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Numbers, " c"], Status]:
     """The factors on the powers that maximise the evidence, six decades about the data's level."""
     middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
     box = jnp.stack([middle - 6, middle + 6])
