@@ -55,8 +55,10 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.live.live import Live as Live
     from .inverse.live.live import LiveCells as LiveCells
     from .inverse.nonlinear import Fit as Fit
+    from .inverse.nonlinear import PosteriorSamples as PosteriorSamples
     from .inverse.nonlinear import fit as fit
     from .inverse.nonlinear import fit_many as fit_many
+    from .inverse.nonlinear import sample as sample
     from .inverse.problem import Problem as Problem
     from .inverse.tikhonov import Tikhonov as Tikhonov
     from .inverse.wiener import Wiener as Wiener
@@ -83,6 +85,7 @@ _MODULES = {
     "Motion": "forward.scan",
     "Open": "grid",
     "Periodic": "grid",
+    "PosteriorSamples": "inverse.nonlinear",
     "Problem": "inverse.problem",
     "Recording": "recording",
     "RidgeFeature": "forward.surface_feature",
@@ -105,6 +108,7 @@ _MODULES = {
     "load": "recording",
     "plot": "plot",
     "relative_error": "inverse.estimate",
+    "sample": "inverse.nonlinear",
     "simulate": "api",
 }
 __all__ = list(_MODULES)  # pyright: ignore[reportUnsupportedDunderAll]

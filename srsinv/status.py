@@ -17,6 +17,7 @@ class Status(enum.StrEnum):
     ILL_CONDITIONED = "ill-conditioned"
     RANGE_END = "at an end of its range"
     NOT_SIGNIFICANT = "not above the noise"
+    CHAINS_DIFFER = "not converged: the chains differ"
 
     @property
     def is_answer(self) -> bool:
@@ -37,4 +38,5 @@ _ADVICE = {
     Status.ILL_CONDITIONED: "Give larger weights or a stronger prior, or take path=spectral.",
     Status.RANGE_END: "Widen the range: the signal does not determine it within.",
     Status.NOT_SIGNIFICANT: "Take a longer scan, or another range.",
+    Status.CHAINS_DIFFER: "Take more draws, or bound the parameters to one of several maxima.",
 }

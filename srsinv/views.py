@@ -28,6 +28,8 @@ class ViewData(NamedTuple):
     - `variables`, `coordinates`: arrays by name, as `srsinv.report.data.dataset` takes them.
     - `parameters`: value and standard error by name, in SI units; `notes` on some of them, by name.
     - `attributes`: of the dataset.
+    - `intervals`: ends of the 90 % interval by name, of parameters whose interval is not the
+      standard error's.
     """
 
     title: str
@@ -36,6 +38,7 @@ class ViewData(NamedTuple):
     parameters: Mapping[str, tuple[float, float]]
     notes: Mapping[str, str]
     attributes: Mapping[str, Any] = {}
+    intervals: Mapping[str, tuple[float, float]] = {}
 
 
 class Views(abc.ABC):
@@ -65,13 +68,19 @@ class Views(abc.ABC):
         from .report.data import dataset, scalars
 
         answer: Any = self
-        title, variables, coordinates, parameters, notes, attributes = self.view_data()
+        of = self.view_data()
+        title, variables, coordinates, parameters, notes, attributes, intervals = of
         named: Arrays = {}
         if parameters:
             coordinates = coordinates | {"reported": (np.array(list(parameters), str), "1")}
             named = reported_parameters(parameters)
             every = np.array([notes.get(name, "") for name in parameters], str)
             named["parameter_note"] = ("reported", every, "1")
+        if intervals:
+            ends = np.array([intervals.get(name, (np.nan, np.nan)) for name in parameters])
+            named["parameter_low"], named["parameter_high"] = (
+                ("reported", own, "SI") for own in ends.T
+            )
         every = scalars(answer.stats) | variables | named | answer_of(answer)
         return dataset(every, coordinates, title=title, **attributes)
 
@@ -99,6 +108,9 @@ class Views(abc.ABC):
             return pandas.DataFrame(columns)
         value, stderr = data["parameter_value"].values, data["parameter_stderr"].values
         ends = {"low": value - BAND_90 * stderr, "high": value + BAND_90 * stderr}
+        for what, normal in ends.items():
+            if (own := data.get(f"parameter_{what}")) is not None:
+                ends[what] = np.where(np.isnan(own.values), normal, own.values)
         return pandas.DataFrame(
             {"name": data["reported"].values, "value": value, "stderr": stderr, **ends,
              "unit": data["parameter_unit"].values}

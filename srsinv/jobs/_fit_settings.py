@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from ..errors import check_name, echo, mapping, number, refuse
+from ..errors import check_name, echo, mapping, number, refuse, whole
 from ..forward.surface_feature import SurfaceFeature
 from ..inverse.features.contact import checked_pressure
 from ..inverse.features.loading import Features
 from ..inverse.features.method import FeatureFit
-from ..inverse.nonlinear import Solver
+from ..inverse.nonlinear import LEAST_DRAWS, Solver, check_sampler
 from ..inverse.problem import Problem
 
 RIG_KEYS = ("hold", "free", "select", "start")
@@ -16,14 +16,19 @@ RIG_KEYS = ("hold", "free", "select", "start")
 
 def settings_of(given: Mapping[str, Any]) -> Mapping[str, Any]:
     """Those of `fit` in the configuration, checked, with what it leaves out."""
-    known = {"select": False, "free": None, "start": None}
+    known = {"select": False, "free": None, "start": None, "samples": 0}
     unknown = sorted(set(given) - set(known))
     refuse(
         bool(unknown), f"fit has no key {unknown and unknown[0]!r}: choose from {', '.join(known)}."
     )
     select = given.get("select", False)
     refuse(not isinstance(select, bool), f"fit.select is {echo(select)}: give true or false.")
-    return known | dict(given)
+    samples, least = given.get("samples", 0), LEAST_DRAWS
+    if samples != 0 or isinstance(samples, bool):
+        wanted = f"0, or the draws of each chain, a whole number from {least}"
+        samples = whole("fit.samples", samples, wanted, least=least)
+        check_sampler()  # before minutes of fitting
+    return known | dict(given) | {"samples": samples}
 
 
 def traction_fit(features: Features, solver: Solver, settings: Mapping[str, Any]) -> FeatureFit:

@@ -18,7 +18,7 @@ from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, contact_variables, probabilities
 from ..inverse.features.method import FeatureFit
 from ..inverse.features.window import FittedStretch, stretch_of
-from ..inverse.nonlinear import Solver
+from ..inverse.nonlinear import PosteriorSamples, Solver, sample
 from ..inverse.problem import Problem
 from ..progress import stage
 from ..recording import Recording
@@ -88,6 +88,9 @@ def run(cfg: config.Config) -> Result:
             **_of_fit(fitted, solver),
         }
         data = _dataset(fitted, facts)
+        if settings["samples"] and fitted.best.fit is not None:
+            drawn = sample(fitted.best, draws=settings["samples"])
+            data = data.assign(dataset(_samples(fitted.best, drawn), {}).data_vars)
         return Result(_title(fitted), data, sections("fit_recording", "assumed"))
 
 
@@ -182,6 +185,7 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         **averaged,
         **_profiles(best),
         **reported_parameters(best.parameters),
+        **_asymmetric(best),
         **budget_variables(best, problem.rig),
         **_candidates(fitted),
         **answer_of(best),
@@ -202,6 +206,37 @@ def _dataset(fitted: FittedRecording, facts: Mapping[str, Any]) -> xarray.Datase
         dims = ("parameter", "parameter_2")
         variables["correlation"] = (dims, best.fit.correlation, "1")
     return dataset(variables, coordinates, signal_unit=unit, **facts)
+
+
+def _asymmetric(best: FeatureEstimate) -> dict[str, tuple[Any, ...]]:
+    """The intervals by profile likelihood that are not those of standard errors, if any."""
+    if not (intervals := best.asymmetric):
+        return {}
+    ends = np.array([intervals.get(name, (np.nan, np.nan)) for name in best.parameters])
+    return {
+        f"profile_{what}": ("reported", own, "SI", f"{{reported!s}}_profile_{what}")
+        for what, own in zip(("low", "high"), ends.T, strict=True)
+    }
+
+
+def _samples(best: FeatureEstimate, drawn: PosteriorSamples) -> dict[str, tuple[Any, ...]]:
+    """What the posterior's samples say of each reported parameter."""
+    moments = {"mean": drawn.mean, "std": drawn.std, "low": drawn.low, "high": drawn.high}
+    checks = {"r_hat": drawn.r_hat, "ess_bulk": drawn.ess_bulk, "ess_tail": drawn.ess_tail}
+    names = list(best.parameters)
+    variables: dict[str, tuple[Any, ...]] = {
+        f"sample_{what}": (
+            "reported", [own[name] for name in names], "SI", f"{{reported!s}}_sample_{what}"
+        )
+        for what, own in moments.items()
+    }  # fmt: skip
+    variables |= {
+        what: ("reported", [own[name] for name in names], "1") for what, own in checks.items()
+    }
+    return variables | {
+        "samples_quality": ((), str(drawn.quality), "1", "samples_quality"),
+        "samples_reasons": ((), " ".join(drawn.reasons), "1"),
+    }
 
 
 def _profiles(best: FeatureEstimate) -> dict[str, tuple[Any, ...]]:

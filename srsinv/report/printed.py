@@ -67,6 +67,13 @@ def _blocks(data: xarray.Dataset, most_rows: int | None = None) -> Iterator[Para
 
 def _numbers(data: xarray.Dataset) -> str:
     """How many samples, what is left of them, and how the computation ended."""
+    if "posterior_draws" in data:
+        chains, draws = data.sizes["chain"], data.sizes["draw"]
+        diverged = int(data["divergences"])
+        return (
+            f"{chains} chains of {draws} draws after {int(data['warmup'])} to adapt; "
+            f"{diverged} diverged; {data['status'].item()}."
+        )
     used = int(np.isfinite(data["whitened_residual"].values).sum())
     elements = data.sizes["element"]
     said = [f"{used} data points"]
@@ -88,26 +95,48 @@ def _parameters(data: xarray.Dataset, most: int | None) -> Iterator[Paragraph | 
     names, units = data["reported"].values.tolist(), data["parameter_unit"].values.tolist()
     values, stderrs = (data[f"parameter_{end}"].values.tolist() for end in ("value", "stderr"))
     notes = data["parameter_note"].values.tolist()
+    ends = [(np.nan, np.nan)] * len(names)
+    if "parameter_low" in data:
+        pairs = data["parameter_low"].values, data["parameter_high"].values
+        ends = list(zip(*pairs, strict=True))
     sizes = [max(abs(v), s) if np.isfinite(s) else v for v, s in zip(values, stderrs, strict=True)]
     scales = words_of.units_for_rows(sizes, units)
     rows = []
-    for name, value, stderr, unit, note, scale in zip(
-        names, values, stderrs, units, notes, scales, strict=True
+    for name, value, stderr, own, unit, note, scale in zip(
+        names, values, stderrs, ends, units, notes, scales, strict=True
     ):
-        of = value, stderr, unit, None if unit == "1" else scale
-        written = words_of.quantity_with_error(*of), _interval(*of)
+        of = unit, None if unit == "1" else scale
+        written = (
+            words_of.quantity_with_error(value, stderr, *of),
+            _interval(value, stderr, own, *of),
+        )
         if note == "fixed":
             written = words_of.quantity(value, unit, 4), ""
         rows.append((words_of.without_unit(name), *written, note))
     columns = ["parameter", "value ± standard error", "90 % interval", "note"]
     if not any(notes):
         rows, columns = [row[:-1] for row in rows], columns[:-1]
+    if "posterior_draws" in data:
+        columns[1] = "mean ± standard deviation"
+        columns += ["R-hat", "ESS bulk", "ESS tail"]
+        chains = (data[name].values.tolist() for name in ("r_hat", "ess_bulk", "ess_tail"))
+        more = [(f"{r:.3f}", f"{b:.0f}", f"{t:.0f}") for r, b, t in zip(*chains, strict=True)]
+        rows = [(*row, *own) for row, own in zip(rows, more, strict=True)]
     yield Table(tuple(columns), tuple(rows[:most]))
     if most is not None and len(rows) > most:
         yield Paragraph(f"{len(rows) - most} more: to_dataframe() gives all.")
 
 
-def _interval(value: float, stderr: float, unit: str, scale: tuple[float, str] | None) -> str:
+def _interval(
+    value: float,
+    stderr: float,
+    own: tuple[float, float],
+    unit: str,
+    scale: tuple[float, str] | None,
+) -> str:
+    """The parameter's own interval where it has one, else the standard error's."""
+    if not np.isnan(own).any():
+        return words_of.between(*own, unit, scale)
     return words_of.interval(value, BAND_90 * stderr, unit, scale)
 
 

@@ -186,13 +186,26 @@ def quantity_with_error(
 def interval(value: float, half: float, units: str, scale: tuple[float, str] | None = None) -> str:
     """From `value - half` to `value + half`, of SI `units`: `25.4 to 26.4 µm`; `scale` as
     [`quantity_with_error`][] has it."""
-    if not math.isfinite(half):
-        return "not known"
-    factor, power, unit = _scaled(units, value, half, scale)
+    return between(value - half, value + half, units, scale)
+
+
+def between(low: float, high: float, units: str, scale: tuple[float, str] | None = None) -> str:
+    """From `low` to `high`, of SI `units`, as [`interval`][] writes it."""
+    known = math.isfinite(low) + math.isfinite(high)
+    if known < 2:
+        return _one_sided(low, high, units, scale) if known else "not known"
+    half = (high - low) / 2
+    factor, power, unit = _scaled(units, low + half, half, scale)
     decimals = _decimals(half * factor)
-    low, high = ((value + sign * half) * factor for sign in (-1, 1))
-    written = f"{low:z.{decimals}f} to {high:z.{decimals}f}"
+    written = f"{low * factor:z.{decimals}f} to {high * factor:z.{decimals}f}"
     return f"({written}){power}{unit}" if power else f"{written}{unit}"
+
+
+def _one_sided(low: float, high: float, units: str, scale: tuple[float, str] | None) -> str:
+    """An interval without one end."""
+    end, word = (low, "above") if math.isfinite(low) else (high, "below")
+    factor, power, unit = _scaled(units, end, math.inf, scale)
+    return f"{word} {significant(end * factor)}{power}{unit}"
 
 
 def _decimals(stderr: float) -> int:

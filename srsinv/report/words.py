@@ -265,6 +265,11 @@ def _interval(values: Any, stderrs: Any, units: Any, half: float = BAND_90) -> A
     )
 
 
+def _between(lows: Any, highs: Any, units: Any) -> Any:
+    """Each interval, in the units of `_with_error`."""
+    return _row_by_row(text.between, lows, highs, units)
+
+
 def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> Any:
     columns = np.broadcast_arrays(*map(np.asarray, (values, stderrs, units)))
     v, s, u = (np.ravel(each).tolist() for each in columns)
@@ -275,6 +280,7 @@ def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any
 
 
 FILTERS: dict[str, Callable[..., Any]] = {
+    "between": _between,
     "digits": _each(_digits),
     "class_in_words": text.class_in_words,
     "facts_in_words": text.facts_in_words,

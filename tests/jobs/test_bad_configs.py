@@ -245,6 +245,7 @@ OTHERS = (
     ("invert_recording", "recording.times", NO_CHOICE),
     ("invert_recording", "traction_unit", NO_CHOICE),
     ("fit_recording", "fit.select", NO_CHOICE),
+    ("fit_recording", "fit.samples", (True, "many", 49, 100.5, -1, None, [100])),
     ("simulate", "scene._target_ scene.pressures.strip._target_ skin._target_ scan._target_ "
      "method.tikhonov._target_ method.wiener.p._target_ method.tikhonov.rule._target_", NO_CLASS),
     ("invert_recording", "noise.sliding._target_", NO_CLASS),

@@ -9,8 +9,9 @@ import pytest
 import srsinv
 from srsinv.errors import BadInput
 from srsinv.recording import Recording, save
+from srsinv.report.result import Result
 from tests.golden.check import golden_test
-from tests.jobs.run import command, outcome, short_run
+from tests.jobs.run import check_page, command, outcome, short_run, tables, words
 from tests.tiers import quick
 
 FORMS = ("fit_recording", "fit_recording_choose")
@@ -81,7 +82,42 @@ def test_nothing_is_chosen_on_noise(noise_only):
     assert metrics["probability_nothing"] > 0.9
 
 
+@pytest.fixture(scope="module")
+def sampled():
+    return outcome("experiment=fit_recording", "recording.tolerance=none", "fit.samples=300")
+
+
+@pytest.mark.full
+def test_samples_of_the_posterior_agree_with_a_fit_of_strong_signals(sampled):
+    """The model is linear over so small errors: moments agree to their Monte Carlo errors."""
+    metrics, data = sampled.metrics, sampled.dataset
+    assert set(data["reported"].values) == set(SHAPE)
+    for name in SHAPE:
+        ess = float(data["ess_bulk"].sel(reported=name))
+        off = metrics[f"{name}_sample_mean"] - metrics[name]
+        stderr = metrics[f"{name}_stderr"]
+        assert abs(off) < 4.5 * stderr / np.sqrt(ess), name
+        ratio = metrics[f"{name}_sample_std"] / stderr
+        assert ratio == pytest.approx(1.0, abs=4.5 / np.sqrt(2 * ess)), name
+    assert "Quality of the samples: " in words(sampled)
+    check_page(sampled, ("correlation",))
+
+
+@pytest.mark.full
+def test_asymmetric_intervals_have_a_table(example):
+    low, high = np.array([[np.nan, 3.7e-3, np.nan, np.nan], [np.nan, np.inf, np.nan, np.nan]])
+    own = {
+        f"profile_{what}": ("reported", ends, {"units": "SI"})
+        for what, ends in (("low", low), ("high", high))
+    }
+    made = Result(example.title, example.dataset.assign(own), example.sections)
+    (table,) = [each for each in tables(made) if "by profile likelihood" in str(each.columns)]
+    assert len(table.rows) == 1
+    assert table.rows[0][1] == "above 3.70 mm"
+
+
 REFUSED = {
+    "samples": (["fit.samples=10"], "fit.samples is 10"),
     "no feature": (["feature=[]"], "feature=[strip_load]"),
     "unknown key": (["+feature.strip_load.pitch_range_m=[0.1,0.2]"], "pitch_range_m"),
     "range turned": (["feature.strip_load.width_range_m=[0.004,0.001]"], "width_range_m"),

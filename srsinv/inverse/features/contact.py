@@ -272,6 +272,16 @@ class ContactLoading(Loading):
     def solver(self, solver: Solver | None, has_facts: bool = False) -> Solver:
         return (solver or Optimistix()).tolerating(FACTS_ROUNDING if has_facts else ROUNDING)
 
+    def values(self, features: Features, params: Any) -> dict[str, float]:
+        read: dict[str, float] = {}
+        for name, feature in features.items():
+            prefix, own = f"{name}_" if len(features) > 1 else "", params[name]
+            for part in (*feature.axes, *feature.frictions, "edge_length_m"):
+                if part in own:
+                    read[prefix + part] = float(own[part])
+        common = (name for name in ("base_friction", *KNOWN) if name in params)
+        return read | {name: float(params[name]) for name in common}
+
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """Each free parameter, its error infinite for those on a bound and those correlated with
         them, and for all where the features are not detected."""

@@ -87,6 +87,17 @@ class DirectLoading(Loading):
     ) -> Float[np.ndarray, " b"]:
         return np.log(search.relative_signal(feature, own)).sum(axis=1)
 
+    def values(self, features: Features, params: Any) -> dict[str, float]:
+        read: dict[str, float] = {}
+        for name, feature in features.items():
+            prefix, own = f"{name}_" if len(features) > 1 else "", params[name]
+            listed = {part: float(own[part]) for part in (*feature.axes, feature.amplitude)}
+            read |= {prefix + part: v for part, v in feature.canonical(listed).items()}
+            if feature.friction is None and own[feature.amplitude] != 0:
+                ratio = float(own[feature.shear]) / float(own[feature.amplitude])
+                read[f"{prefix}friction"] = ratio
+        return read
+
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """The shape, the amplitude and the friction of each feature.
 
@@ -96,6 +107,7 @@ class DirectLoading(Loading):
         bound, and those strongly correlated with them.
         """
         read: dict[str, tuple[float, float]] = {}
+        values = self.values(features, fit.value)
         missed, bound_limited = undetected_features(features, fit), limited_by_bounds(fit)
         for name, feature in features.items():
             prefix = f"{name}_" if len(features) > 1 else ""
@@ -108,12 +120,12 @@ class DirectLoading(Loading):
                 unsure.add("friction")
             if any(type(features[other]) is type(feature) for other in missed if other != name):
                 unsure.add(feature.amplitude)
-            listed = {part: float(own[part]) for part in (*feature.axes, feature.amplitude)}
-            for part, value in feature.canonical(listed).items():
-                read[prefix + part] = value, np.inf if part in unsure else float(spread[part])
-            if feature.friction is None and own[feature.amplitude] != 0:
-                mu, stderr = friction_of(fit, name, feature)
-                read[f"{prefix}friction"] = mu, np.inf if "friction" in unsure else stderr
+            for part in (*feature.axes, feature.amplitude):
+                error = np.inf if part in unsure else float(spread[part])
+                read[prefix + part] = values[prefix + part], error
+            if f"{prefix}friction" in values:
+                stderr = np.inf if "friction" in unsure else friction_of(fit, name, feature)[1]
+                read[f"{prefix}friction"] = values[f"{prefix}friction"], stderr
         return read
 
 

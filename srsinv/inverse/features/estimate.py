@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import equinox as eqx
@@ -11,7 +12,7 @@ import numpy as np
 import scipy
 from jaxtyping import Array, Float
 
-from ...errors import of_kind
+from ...errors import BadInput, of_kind
 from ...forward.scan import Motion
 from ...grid import Line, as_real
 from ...status import Status
@@ -22,7 +23,7 @@ from ..line.model import CHI2, FREEDOM
 from ..line.problem import LineProblem, ScannedCells
 from ..noise.causes import LikelyCause
 from ..noise.sliding import Levels
-from ..nonlinear import Fit, whitener
+from ..nonlinear import Fit, FitToSample, whitener
 from ..problem import Problem
 from .budget import Budget
 from .identifiability import undetected_features
@@ -247,6 +248,19 @@ class FeatureEstimate(Estimate):
         value, stderr = (each[:, :cells] for each in both)
         return dict(zip(names, zip(value, stderr, strict=True), strict=True))
 
+    def to_sample(self) -> FitToSample:
+        """The fit whose posterior [`sample`][srsinv.sample] draws from, with the parameters as they
+        are reported. Raises `BadInput` where no parameter is free."""
+        if self.fit is None:
+            raise BadInput("No parameter is free, so there is nothing to sample: fit a feature.")
+        loading, beside = self.model.loading, set(self.fit.warnings)
+        return FitToSample(
+            self.fit,
+            partial(loading.values, self.features),
+            partial(loading.report, self.features),
+            tuple(each for each in self.warnings if each not in beside),
+        )
+
     def view_data(self) -> ViewData:
         data = super().view_data()
         samples, _, unit = data.variables["fitted_signal"]
@@ -259,7 +273,9 @@ class FeatureEstimate(Estimate):
             named = zip(("time", "position", "speed"), columns, ("s", "m", "m/s"), strict=True)
             variables |= {name: ("sample", each, unit) for name, each, unit in named}
         title = f"{self.name.replace('_', ' ').capitalize()} fitted"
-        return data._replace(title=title, variables=variables, notes=self._notes())
+        intervals = self.asymmetric
+        notes = dict.fromkeys(intervals, "asymmetric") | self._notes()
+        return data._replace(title=title, variables=variables, notes=notes, intervals=intervals)
 
     def to_xarray(self) -> "xarray.Dataset":
         """The arrays of any estimate. Of a surface, on the fit's own line, also height and gap [m]
@@ -275,13 +291,31 @@ class FeatureEstimate(Estimate):
             }
         )
 
+    @property
+    def asymmetric(self) -> dict[str, tuple[float, float]]:
+        """Ends of 90 % intervals by profile likelihood, by name: of parameters that are reported as
+        they are fitted, where an end is off the standard error's by more than a tenth."""
+        if self.fit is None or self.quality is Quality.FAILED:
+            return {}
+        of_fit = {self._reported_name(name): name for name in self.fit.names}
+        params = dict(zip(self.fit.names, self.fit.row, strict=True))
+        own = {
+            of_fit[name]: name
+            for name, (value, stderr) in self.parameters.items()
+            if np.isfinite(stderr) and value == params.get(of_fit.get(name, ""))
+        }
+        return {own[name]: ends for name, ends in self.fit.asymmetric(own).items()}
+
+    def _reported_name(self, name: str) -> str:
+        """The name under which a parameter of the fit is reported."""
+        return name.replace(".", "_") if len(self.features) > 1 else name.rpartition(".")[2]
+
     def _notes(self) -> dict[str, str]:
         """Why standard errors of parameters are not valid, by their names."""
         if self.fit is None or self.quality is Quality.FAILED:
             return {}
         are_many, missed = len(self.features) > 1, self.undetected
-        of_fit = {each: each.replace(".", "_") if are_many else each.rpartition(".")[2]
-                  for each in self.fit.at_bound}  # fmt: skip
+        of_fit = {each: self._reported_name(each) for each in self.fit.at_bound}
         notes = {}
         for name, (_, stderr) in self.parameters.items():
             is_missed = any(not are_many or name.startswith(f"{each}_") for each in missed)

@@ -160,6 +160,10 @@ class Loading(eqx.Module):
         return solver
 
     @abc.abstractmethod
+    def values(self, features: Features, params: Any) -> dict[str, float]:
+        """Reported values of parameters, among others that a fit may not report."""
+
+    @abc.abstractmethod
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """Reported value and standard error of each parameter."""
 

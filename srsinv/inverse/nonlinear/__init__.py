@@ -16,6 +16,11 @@ from ._noise import Spectrum as Spectrum
 from ._noise import WhitePlusOU as WhitePlusOU
 from ._noise import whitener as whitener
 from ._nuisance import WithNuisance as WithNuisance
+from ._sampler import check_sampler as check_sampler
+from ._samples import PosteriorSamples as PosteriorSamples
+from ._sampling import LEAST_DRAWS as LEAST_DRAWS
+from ._sampling import FitToSample as FitToSample
+from ._sampling import sample as sample
 from ._solvers import Minimum as Minimum
 from ._solvers import OptaxLBFGS as OptaxLBFGS
 from ._solvers import Optimistix as Optimistix

@@ -1,7 +1,7 @@
 """Result of a nonlinear fit: a minimum described as a `Fit`."""
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -23,9 +23,11 @@ from ..diagnostics import (
     unchecked_residual,
 )
 from ._parameters import Layout, Tree
-from ._search import Objective
-from ._uncertainty import Spread
+from ._profile import asymmetric, profiles
+from ._search import Objective, Search
+from ._uncertainty import Spread, spread
 
+MOST_PROFILED = 15  # parameters that a report profiles: those that it lists
 ENOUGH = 2.0  # standard deviations of chi squared up to which a residual counts as noise
 
 
@@ -67,7 +69,12 @@ class Fit(Views):
     _objective: Objective
     _z: np.ndarray
     _spread: Spread
+    _search: Search
     notes: tuple[str, ...] = ()
+    _may_profile: bool = True
+    _asymmetric: dict[str, tuple[float, float] | None] = dataclasses.field(
+        init=False, default_factory=dict
+    )
     _narrower: "Fit | None" = None
 
     @cached_property
@@ -86,6 +93,62 @@ class Fit(Views):
     def correlation(self) -> np.ndarray:
         """(m, m) of the free parameters."""
         return self._spread.correlation()
+
+    @cached_property
+    def _plain(self) -> Spread:
+        """The spread by noise and priors alone."""
+        return spread(
+            self.whitened_rows(), float(np.finfo(np.asarray(self._objective.row).dtype).eps)
+        )
+
+    @property
+    def row(self) -> np.ndarray:
+        """Values (m,) of the free parameters."""
+        return self._z
+
+    @property
+    def plain_stderr(self) -> np.ndarray:
+        """Standard errors (m,) of the free parameters by noise and priors alone."""
+        return self._plain.stderr()
+
+    @property
+    def noise_unit(self) -> float:
+        """Level of the noise in units of the objective's whitened residual."""
+        if self.noise_rms is None or self._is_over_noise:
+            return 1.0
+        return self.noise_rms / float(self._objective.scale)
+
+    def profile(self, names: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
+        """The ends of 90 % intervals by profile likelihood, which need not be symmetric, by name.
+
+        - `names`: of fitted parameters; None: all.
+
+        At an end, with all other parameters fitted again, chi-square has risen by 1.645 squared (in
+        units of the noise's estimated level, where it was not given). Those of a linear model are
+        1.645 standard errors from the fit. An end is infinite where chi-square stays lower up to 30
+        standard errors, and on a bound where that comes first. Errors beside the noise add in
+        squares.
+
+        Raises `BadInput` for a fit that did not converge, a robust loss, unknown names, a lower
+        cost beside the fit, and refits that do not converge.
+        """
+        return profiles(self, names)
+
+    def asymmetric(self, names: Iterable[str] | None = None) -> dict[str, tuple[float, float]]:
+        """The intervals of [`profile`][srsinv.Fit.profile] that a report has in place of those of
+        standard errors, as an end is off by more than a tenth.
+
+        - `names`: of fitted parameters; None: all. Empty for more than a report lists, and for fits
+          of [`fit_many`][srsinv.fit_many], whose models would be compiled again.
+        """
+        names = self.names if names is None else tuple(names)
+        if not self._may_profile or len(names) > MOST_PROFILED:
+            return {}
+        known = self._asymmetric
+        left = [name for name in names if name not in known]
+        if left:
+            known.update(dict.fromkeys(left) | asymmetric(self, left))
+        return {name: ends for name in names if (ends := known[name]) is not None}
 
     @property
     def converged(self) -> bool:
@@ -158,7 +221,12 @@ class Fit(Views):
         names = [""] if count == 1 else np.arange(count).astype(str)
         title = f"Fit of {len(self.names)} parameter{'s' * (len(self.names) != 1)}"
         parameters, notes = self._reported()
-        return ViewData(title, variables, {"element": (names, "1")}, parameters, notes)
+        of_row = self._objective.layout.free_names  # `names` may have others of facts
+        intervals = dict(zip(self.names, of_row, strict=True))
+        intervals = {intervals[name]: ends for name, ends in self.asymmetric().items()}
+        notes = dict.fromkeys(intervals, "asymmetric") | notes
+        coordinates: Arrays = {"element": (names, "1")}
+        return ViewData(title, variables, coordinates, parameters, notes, intervals=intervals)
 
     def _reported(self) -> tuple[dict[str, tuple[float, float]], dict[str, str]]:
         """Every parameter's value and standard error, and notes on those that have no valid one."""
@@ -226,6 +294,14 @@ class Fit(Views):
         objective, signal = self._objective, self.signal()
         unit = float(objective.scale) if self.noise_rms is not None and self._is_over_noise else 1.0
         return objective.whiten.whitened(signal).astype(float) / unit
+
+    def whitened_rows(self) -> np.ndarray:
+        """The derivative (n + m, m) of the whitened residual and of the priors' terms by the free
+        parameters, in units of the noise: the standard errors of noise and priors alone follow."""
+        level = 1.0 if self._is_over_noise or self.noise_rms is None else self.noise_rms
+        weight = self._objective.prior_weight
+        known = np.zeros(len(self.names)) if weight is None else np.asarray(weight, float)
+        return np.vstack([np.asarray(self.jacobian, float) / level, np.diag(known)])
 
     def moves(self, change: np.ndarray) -> np.ndarray:
         """The changes (m,) of the free parameters, to first order, if the data change by `change`,

@@ -42,10 +42,10 @@ def with_differences(
     """
     ends = jax.device_get(ends)
     by_steps = jax.device_get(_differenced(objective, ends, search, steps))
-    found = summary(objective, by_steps)
+    found = summary(objective, by_steps, search)
     if found.status not in SHORT:
         return found
-    own, distance = summary(objective, ends), "distance_to_minimum"
+    own, distance = summary(objective, ends, search), "distance_to_minimum"
     falls = partial(_falls, summary, objective, by_steps, search, found)
     if own.status in SHORT or (own.converged and falls(summary.solver.near_enough)):
         is_far = max(own.stats[distance], found.stats[distance]) > STOPPED_NEAR

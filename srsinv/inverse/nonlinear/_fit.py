@@ -89,7 +89,7 @@ def fit(
     summary = Summary(objective, unknowns, level_known, solver)
     if steps:
         return with_differences(summary, objective, ends, search, steps)
-    return summary(objective, jax.device_get(ends))
+    return summary(objective, jax.device_get(ends), search)
 
 
 def fit_many(
@@ -156,9 +156,10 @@ def fit_many(
         begun = points if own is None else on_host(own[i : i + 1])
         search = Search(solver, begun, *box, max_searches)
         end = jax.device_get(search(mine)) if end is None else end
-        fitted = summary(mine, jax.device_get(escape_saddle(mine, end, search)))
+        fitted = summary(mine, jax.device_get(escape_saddle(mine, end, search)), search)
         notes = false_minimum(fitted.known_chi2, fitted.stats["degrees_of_freedom"])
-        fits.append(dataclasses.replace(fitted, notes=notes))
+        # Their search's program is another, so that a profile would compile one.
+        fits.append(dataclasses.replace(fitted, notes=notes, _may_profile=False))
     return fits
 
 

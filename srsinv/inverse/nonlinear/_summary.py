@@ -15,7 +15,7 @@ from ...status import Status
 from ._answer import Fit
 from ._loss import Loss
 from ._parameters import Parameters
-from ._search import Objective, SearchEnd
+from ._search import Objective, Search, SearchEnd
 from ._second_order import newton_fall
 from ._solvers import Solver
 from ._uncertainty import Spread, log_evidence, nothing_known, offset, spread
@@ -67,8 +67,8 @@ class Summary:
         volume = objective.whiten.log_volume(shape)
         self.log_norm = volume + self.count / 2 * np.log(2 * np.pi)
 
-    def __call__(self, objective: Objective, ends: SearchEnd) -> Fit:
-        """The `Fit` at a minimum: values, errors, warnings and statistics."""
+    def __call__(self, objective: Objective, ends: SearchEnd, search: Search) -> Fit:
+        """The `Fit` at a minimum that a search reached: values, errors, warnings and statistics."""
         layout, z = objective.layout, np.asarray(ends.z, float)
         level_known = self.level_known
         at = self._minimum(objective, ends)
@@ -93,6 +93,7 @@ class Summary:
             _objective=objective,
             _z=z,
             _spread=at.known,
+            _search=search,
         )
 
     def _residual(self, ends: SearchEnd) -> np.ndarray:
