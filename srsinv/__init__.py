@@ -50,6 +50,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.estimate import relative_error as relative_error
     from .inverse.features.estimate import FeatureEstimate as FeatureEstimate
     from .inverse.features.method import FeatureFit as FeatureFit
+    from .inverse.line.constraint import Admissible as Admissible
+    from .inverse.line.constraint import Edges as Edges
     from .inverse.line.problem import LineProblem as LineProblem
     from .inverse.line.rule import Evidence as Evidence
     from .inverse.live.live import Live as Live
@@ -70,8 +72,10 @@ __version__ = "0.1.0"
 # The module of each public name, imported when the name is asked for: most import jax, which takes
 # a second.
 _MODULES = {
+    "Admissible": "inverse.line.constraint",
     "BadInput": "errors",
     "ConstantSpeed": "forward.scan",
+    "Edges": "inverse.line.constraint",
     "Estimate": "inverse.estimate",
     "Evidence": "inverse.line.rule",
     "FeatureEstimate": "inverse.features.estimate",

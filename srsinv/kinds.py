@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .forward.traction import Pressure as Pressure
     from .grid import Operator as Operator
     from .inverse.kernel.operator_model import OperatorModel as OperatorModel
+    from .inverse.line.constraint import Constraint as Constraint
     from .inverse.line.prior import Prior as Prior
     from .inverse.line.rule import Rule as Rule
     from .inverse.method import Method as Method

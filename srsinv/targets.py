@@ -22,6 +22,7 @@ from .namespaces import definition
 # part of the kind is made, as most import jax.
 KINDS: Mapping[str, Sequence[str]] = {
     "amplifier": ("srsinv.forward.amplifier.Amplifier",),
+    "constraint": ("srsinv.inverse.line.constraint.Constraint",),
     "effects": ("srsinv.effects.Effect",),
     "feature": (
         "srsinv.forward.feature.Feature",
@@ -53,6 +54,7 @@ KINDS: Mapping[str, Sequence[str]] = {
 }
 # The kind of what stands under a key of another part, alone or in a list or mapping of several.
 PARTS: Mapping[str, str] = {
+    "constraint": "constraint",
     "filter": "filter",
     "frictions": "friction",
     "line_effect": "film",

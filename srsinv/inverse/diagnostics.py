@@ -231,6 +231,22 @@ def beyond_modulus(
     )
 
 
+def noise_alone() -> Sequence[str]:
+    """Warning on bands of a prior with edges."""
+    return (
+        "Bands with prior=edges hold the errors by noise alone: they take plateaus and edges as "
+        "certain. Compare the estimate with that of prior=gaussian.",
+    )
+
+
+def no_level() -> Sequence[str]:
+    """Warning on a constraint on the pressure that says nothing, as its mean is not known."""
+    return (
+        "The mean pressure is not known, so p >= 0 holds at some level and says nothing. The "
+        "estimate is that of prior=gaussian. Give nominal_pressure_Pa in the sidecar.",
+    )
+
+
 def negative_load(name: str, value: float, stderr: float) -> Sequence[str]:
     """Warning on a feature whose pressure, with that of its surroundings, is below zero."""
     if not -value > -scipy.special.ndtri(false_alarm.CHECK) * stderr:

@@ -98,15 +98,37 @@ class Estimate(Views, eqx.Module):
         """The same estimate with further warnings."""
         return dataclasses.replace(self, warnings=(*self.warnings, *warnings))
 
+    def coverage(
+        self, truth: Float[Numbers, "2 n"], cells: Bool[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "2"]:
+        """The fraction of the cells of the mask `cells` (n,) whose 90 % band holds `truth` (2, n)
+        [Pa], both less their mean over these."""
+        value, stderr = self.deviation(cells)
+        return coverage_90(value, stderr, np.asarray(truth), cells)
+
+    def z_rms(
+        self, truth: Float[Numbers, "2 n"], cells: Bool[np.ndarray, " n"]
+    ) -> Float[np.ndarray, "2"]:
+        """Rms over the cells of the mask `cells` (n,) of the error by `truth` (2, n) [Pa], both
+        less their mean over these, in standard errors."""
+        value, stderr = self.deviation(cells)
+        return z_rms(value, stderr, np.asarray(truth), cells)
+
+    @property
+    def band(self) -> tuple[np.ndarray, np.ndarray]:
+        """The lower and the upper ends (2, n) of the 90 % band [Pa]."""
+        value, half = np.asarray(self.value), BAND_90 * np.asarray(self.stderr)
+        return value - half, value + half
+
     def against(self, truth: Float[Numbers, "2 n"], cells: Bool[np.ndarray, " n"]) -> "Estimate":
         """The same estimate, with a warning where its error exceeds its standard error by much.
 
         `truth` (2, n) [Pa]: the true p and q on its line. `cells` (n,): a mask of the cells that
         are compared; p, q and truth are compared as deviations from their means over them.
         """
-        (value, stderr), truth = self.deviation(cells), np.asarray(truth)
+        (value, _), truth = self.deviation(cells), np.asarray(truth)
         resolved = [self.stats.get(f"resolved_dof_{name}", 0.0) for name in COMPONENTS]
-        each = zip(COMPONENTS, z_rms(value, stderr, truth, cells), resolved, strict=True)
+        each = zip(COMPONENTS, self.z_rms(truth, cells), resolved, strict=True)
         beyond = [s for name, z, dof in each for s in beyond_band(name, float(z), dof)]
         error = overall_error(value, truth, cells)
         return self.with_warnings((*beyond, *error_over_truth(float(error))))

@@ -15,6 +15,8 @@ from ..known import array_module, as_number, is_traced, namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
+from .line.constrained import constrained
+from .line.constraint import Constraint, checked_constraint, refuse_constraint
 from .line.prior import Prior, squared_differences
 from .line.problem import LineProblem
 from .line.rule import Choice, Evidence, Rule, to_score
@@ -85,6 +87,8 @@ class Tikhonov(Method):
     - `weight_p`, `weight_q` [1/Pa^2]: the weights; None lets `rule` choose, [`Evidence`][] where
       none is given.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].
+    - `constraint`: what is known beside the penalty, as `srsinv.Admissible()` or `srsinv.Edges()`,
+      with which p and q are the most probable ones. None: nothing.
 
     The standard error is that of the posterior under the Gaussian prior that the penalty stands
     for (Wahba 1983). Raises `BadInput` for an order other than 0, 1, 2 or a negative weight.
@@ -97,6 +101,7 @@ class Tikhonov(Method):
     order: int = eqx.field(static=True)
     path: str = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
+    constraint: Constraint
 
     def __init__(
         self,
@@ -107,6 +112,7 @@ class Tikhonov(Method):
         length_m=0.75e-3,
         path: Any = "auto",
         tolerance: Any = 1e-10,
+        constraint: Any = None,
     ):
         key = "method.tikhonov."
         self.order = whole(f"{key}order", order, "0, 1 or 2", least=0, most=2)
@@ -124,6 +130,7 @@ class Tikhonov(Method):
         self.path = choice(f"{key}path", path, PATHS)
         wanted = "a positive number below 1"
         self.tolerance = number(f"{key}tolerance", tolerance, wanted, above=0, below=1)
+        self.constraint = checked_constraint(f"{key}constraint", constraint)
 
     def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Estimate of p and q, with the weights that were given or chosen in its stats."""
@@ -151,13 +158,15 @@ class Tikhonov(Method):
         stats = {"method": "tikhonov", "order": self.order, "rule": rule, "rule_status": status}
         stats |= {f"weight_{c}_per_Pa2": as_number(w) for c, w in zip("pq", weights, strict=False)}
         how, warnings = (self.path, self.tolerance), undetermined_weights(status)
-        return solve(problem, prior, *how, stats=stats, warnings=warnings)
+        estimate = solve(problem, prior, *how, stats=stats, warnings=warnings)
+        return constrained(problem, prior, estimate, self.constraint)
 
     @property
     def chooses_prior(self) -> bool:
         return self.weight_p is None or self.weight_q is None
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
+        refuse_constraint(self.constraint)
         problem = problem.to_grid()  # without its sensor, which may hold words
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         weights = _known(given)

@@ -16,6 +16,8 @@ from ..known import array_module, as_number, by_numpy, is_traced, namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
+from .line.constrained import constrained
+from .line.constraint import Constraint, checked_constraint, refuse_constraint
 from .line.prior import Prior
 from .line.problem import LineProblem
 from .line.rule import Evidence, to_score
@@ -123,6 +125,8 @@ class Wiener(Method):
     - `scale`: "given" takes their levels as they are; "evidence" multiplies each by the number
       under which the data are most likely.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].
+    - `constraint`: what is known beside the spectra, as `srsinv.Admissible()`, with which p and q
+      are the most probable admissible ones. None: nothing.
 
     Raises `BadInput` for other values.
     """
@@ -132,6 +136,7 @@ class Wiener(Method):
     scale: str = eqx.field(static=True)
     path: str = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
+    constraint: Constraint
 
     def __init__(
         self,
@@ -140,12 +145,14 @@ class Wiener(Method):
         scale: Any = "given",
         path: Any = "auto",
         tolerance: Any = 1e-10,
+        constraint: Any = None,
     ):
         self.p, self.q = _spectrum("p", p), _spectrum("q", q)
         self.scale = choice("method.wiener.scale", scale, ("given", "evidence"))
         self.path = choice("method.wiener.path", path, PATHS)
         key, wanted = "method.wiener.tolerance", "a positive number below 1"
         self.tolerance = number(key, tolerance, wanted, above=0, below=1)
+        self.constraint = checked_constraint("method.wiener.constraint", constraint)
 
     def __call__(self, problem: Problem | LineProblem) -> Estimate:
         """Posterior mean and standard error of p and q."""
@@ -172,7 +179,9 @@ class Wiener(Method):
             for c, s in zip("pq", power if is_traced(power) else np.asarray(power), strict=False)
         }
         how, warnings = (self.path, self.tolerance), undetermined_weights(status)
-        return solve(problem, SpectralPrior(power), *how, stats=stats, warnings=warnings)
+        prior = SpectralPrior(power)
+        estimate = solve(problem, prior, *how, stats=stats, warnings=warnings)
+        return constrained(problem, prior, estimate, self.constraint)
 
     def spectra(self, problem: LineProblem) -> Float[Array, "c k"]:
         return _powers(problem.without_warnings(), (self.p, self.q)[: problem.unknowns])
@@ -182,6 +191,7 @@ class Wiener(Method):
         return self.scale == "evidence"
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
+        refuse_constraint(self.constraint)
         problem = problem.to_grid()
         scale = np.ones(problem.unknowns)
         if self.chooses_prior:

@@ -11,8 +11,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from jaxtyping import Float
 
+from ..inverse.constrained_estimate import ConstrainedEstimate
 from ..inverse.diagnostics import Quality, without_wiring
-from ..inverse.estimate import COMPONENTS, Estimate, coverage_90, relative_error
+from ..inverse.estimate import COMPONENTS, Estimate, relative_error
 from ..inverse.line.problem import LineProblem
 
 Variables = dict[str, tuple[Any, ...]]
@@ -70,11 +71,21 @@ def estimate_variables(
     return {
         "estimate": (along, answers.each(lambda e: e.value), traction),
         "estimate_stderr": (along, answers.each(lambda e: valid_stderr(e, cells)), traction),
+        **_band_variables(answers, along, traction),
         "fitted_signal": (samples, answers.each(lambda e: e.fitted), signal),
         "whitened_residual": (samples, answers.each(lambda e: e.whitened), "1"),
         "first_call_s": ("estimator", answers.first_call_s, "s", "first_call_s_{estimator}"),
         "steady_call_s": ("estimator", answers.steady_call_s, "s", "steady_call_s_{estimator}"),
     }
+
+
+def _band_variables(answers: Answers[Estimate], along: tuple[str, ...], unit: str) -> Variables:
+    """The ends of 90 % bands, where some are not symmetric."""
+    every = (answer for each in answers.of.values() for answer in each)
+    if not any(isinstance(answer, ConstrainedEstimate) for answer in every):
+        return {}
+    ends = zip(("estimate_low", "estimate_high"), (0, 1), strict=True)
+    return {name: (along, answers.each(lambda e, i=i: e.band[i]), unit) for name, i in ends}
 
 
 def score_variables(
@@ -85,7 +96,7 @@ def score_variables(
     all of the deviation from the mean over these; NaN where a method gives no band."""
     by, value = ("estimator", *dims, "component"), answers.each(lambda e: e.value)
     stderr = answers.each(lambda e: e.deviation(cells)[1])
-    inside = coverage_90(value, stderr, truth, cells)
+    inside = answers.each(lambda e: e.coverage(truth, cells))
     has_band = ~np.isnan(stderr[..., cells]).all(axis=-1)
     return {
         "error": (by, relative_error(value, truth, cells), "1"),

@@ -85,8 +85,11 @@ def as_dataset(given: Any) -> xarray.Dataset:
 def _compared(named: Mapping[str, Any]) -> xarray.Dataset:
     first = next(iter(named.values())).to_xarray()
     line = next(iter(named.values())).line
-    own = ["estimate", "estimate_stderr"]
-    parts = [first[own], *(each.on(line).to_xarray()[own] for each in list(named.values())[1:])]
+    every = [first, *(each.on(line).to_xarray() for each in list(named.values())[1:])]
+    # Ends of bands that are not symmetric only where all have them.
+    names = "estimate", "estimate_stderr", "estimate_low", "estimate_high"
+    own = [name for name in names if all(name in each for each in every)]
+    parts = [each[own] for each in every]
     joined = xarray.concat(parts, xarray.DataArray([*named], dims="estimator", name="estimator"))
     observed = {"observed": first["observed"]} if "observed" in first else {}
     return joined.assign(observed).assign_attrs(first.attrs)

@@ -13,7 +13,7 @@ from tests.claims import readme
 from tests.claims.study import Study
 
 STUDIES = (
-    "clean_draws", "commands", "disturbances", "faults", "lab_cases", "layered_line",
+    "admissible", "clean_draws", "commands", "disturbances", "faults", "lab_cases", "layered_line",
     "live", "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "rig_bands", "rigs",
     "robustness", "rules", "screening", "tolerances",
 )  # fmt: skip

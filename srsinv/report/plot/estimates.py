@@ -25,6 +25,7 @@ from .style import (
 )
 
 _COMPONENTS = 2  # p and q
+_BY_METHOD = ("estimate", "estimate_stderr", "estimate_low", "estimate_high")
 _TOGETHER = 2  # methods whose bands are legible over each other
 _MOST_REACH = 2.0  # of a band in view over the estimate's peak, where most of the band is narrower
 _OUT_OF_VIEW = 1.5  # times the estimates' range, beyond which peaks of the truth are cut off
@@ -62,7 +63,7 @@ def with_truth(dataset: xarray.Dataset, truth: Any) -> xarray.Dataset:
 def estimate_panels(dataset: xarray.Dataset, marks: Sequence[Mark] = ()) -> list[Panel]:
     """The panels of [`estimates`][]."""
     if "estimator" not in dataset["estimate"].dims:
-        own = ("estimate", "estimate_stderr")
+        own = [name for name in _BY_METHOD if name in dataset]
         dataset = dataset.assign(
             {name: dataset[name].expand_dims(estimator=["estimate"]) for name in own}
         )
@@ -89,7 +90,11 @@ def _component(
     middle = values("estimate")[chosen]
     stderr = own["estimate_stderr"].values[chosen]
     half = BAND_90 * np.where(np.isfinite(stderr), stderr, np.nan)
-    curves = list(_bands(methods, looks, middle, half, observed))
+    ends = middle - half, middle + half
+    if "estimate_low" in own:  # which need not be symmetric
+        centre = own["estimate"].values[chosen] - middle
+        ends = tuple(own[f"estimate_{end}"].values[chosen] - centre for end in ("low", "high"))
+    curves = list(_bands(methods, looks, middle, ends, observed))
     if len(looks) > _TOGETHER:  # alone in its panel, whose title names it
         look = {"color": looks[methods[0]]["color"]}
         curves = [replace(each, label="", band_label="", look=look) for each in curves]
@@ -114,8 +119,9 @@ def _component(
     return Panel(curves, X, up, x, title, (*unobserved(x, observed), *marks))
 
 
-def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
-    for method, value, reach in zip(methods, middle, half, strict=True):
+def _bands(methods, looks, middle, ends, observed) -> Iterator[Curve]:
+    for method, value, low, high in zip(methods, middle, *ends, strict=True):
+        reach = (high - low) / 2
         # A band may be huge where nothing was measured: it must not set the scale.
         in_view = observed if observed.any() else True
         narrow = observed & (np.nan_to_num(reach) <= _MOST_REACH * peak(value))
@@ -124,9 +130,9 @@ def _bands(methods, looks, middle, half, observed) -> Iterator[Curve]:
         if not has_values(reach):  # a method that a user wrote may give none
             yield Curve(value, method, look=looks[method], in_view=in_view)
             continue
-        reach = np.nan_to_num(reach)
+        low, high = (np.where(np.isfinite(end), end, value) for end in (low, high))
         yield Curve(
-            value, method, band=(value - reach, value + reach), look=looks[method],
+            value, method, band=(low, high), look=looks[method],
             band_label=f"90 % band of {method}", in_view=in_view,
         )  # fmt: skip
 
