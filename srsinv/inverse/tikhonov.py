@@ -213,7 +213,7 @@ class Tikhonov(Method):
         return as_real(box) if xp is jnp else np.asarray(as_real(box))
 
 
-def _known(weights: Weights) -> Float[np.ndarray, " c"] | None:
+def _known(weights: Weights) -> Float[Numbers, " c"] | None:
     """The weights, where all are given."""
     if any(weight is None for weight in weights):
         return None

@@ -176,6 +176,14 @@ def test_a_rule_that_cannot_be_traced_says_so():
     )
 
 
+@pytest.mark.parametrize("transform", [jax.grad, jax.vmap])
+def test_a_fit_under_a_transformation_says_so(transform):
+    def fitted(y):
+        return srsinv.fit(lambda p: p["a"] * jnp.ones(5), {"a": 1.0}, y).value["a"]
+
+    refused(lambda: transform(lambda y: fitted(y) * 1.0)(jnp.ones((5, 5))), "srsinv.fit_many")
+
+
 SCENES = {
     "periodic": lambda: srsinv.Periodic(N, 2.5e-4),
     "open": lambda: srsinv.Open(N, 2.5e-4),

@@ -11,6 +11,7 @@ import numpy as np
 from ... import false_alarm
 from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
+from ...known import is_traced
 from ...modules import with_fields
 from ...quantities import quantity
 from ..diagnostics import beyond_modulus, negative_load
@@ -18,7 +19,7 @@ from ..line.problem import LineProblem
 from ..method import Method
 from ..noise.model import SampleNoise, Samples
 from ..noise.residual import residual_noise
-from ..nonlinear import Solver
+from ..nonlinear import UNTRACED, Solver
 from ..problem import Problem
 from .causes import TRENDS
 from .contact import checked_pressure
@@ -113,6 +114,7 @@ class FeatureFit(Method):
     def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         """The fit of some of the features, or of none, to the stretch of the recording that is
         chosen for all of them."""
+        refuse(is_traced(problem), UNTRACED)
         if isinstance(problem, LineProblem):
             return self._fitted(features, problem)
         stretch = stretch_of(problem, self.features)

@@ -90,7 +90,7 @@ def _means(like: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Arr
     return jnp.kron(jnp.diag(zero_mean.astype(like.dtype)), jnp.full((n, n), 1 / n, like.dtype))
 
 
-def _centre(matrix: Float[Array, "m m"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m m"]:
+def _centre(matrix: Float[Array, "m j"], zero_mean: Bool[Array, " c"]) -> Float[Array, "m j"]:
     """Remove rows' means from the components that are zero_mean."""
     blocks = matrix.reshape(zero_mean.size, -1, matrix.shape[-1])
     means = jnp.where(zero_mean[:, None, None], blocks.mean(axis=1, keepdims=True), 0.0)

@@ -152,14 +152,14 @@ class LineScorer(Scorer):
         if path == "iterative":
             self.problem = at_one_level(scored(self.problem))
         self.samples = self.problem.sample_count
-        unweighted = family(np.zeros(self.problem.unknowns))
+        of_one = np.zeros(self.problem.unknowns)  # log weights
         if path == "direct":
-            self.scores = DirectScores(family.sign, direct.scored(self.problem, unweighted))
+            self.scores = DirectScores(family.sign, direct.scored(self.problem, family(of_one)))
         elif path == "iterative" and problem.observed is not None:
             self.scores = PeriodicModel(self.problem, Gaps.of(problem.is_observed))
         else:
             with nullcontext() if is_traced(family, problem) else jax.enable_x64(True):
-                root = spectral.prior_root(self.problem.line, unweighted)
+                root = spectral.prior_root(self.problem.line, family(of_one))
                 reduced = spectral.reduced(self.problem)
                 self.scores = SpectralScores(family.sign, *_on_device((reduced, root)))
 

@@ -9,11 +9,17 @@ import numpy as np
 
 from ...compiled import compiled
 from ...errors import BadInput, of_kind, refuse
+from ...known import is_traced
 from ._loss import loss_of
 from ._noise import whitener
 from ._parameters import Parameters, flat_mapping, on_host, real
 from ._search import Objective
 from ._solvers import Optimistix, Solver
+
+UNTRACED = (
+    "A fit searches for its minimum outside jax: call it with known numbers, outside jit, vmap and "
+    "grad, or srsinv.fit_many with many data."
+)
 
 
 def checked_solver(solver: Solver | None, **counts: int) -> Solver:
@@ -25,6 +31,7 @@ def checked_solver(solver: Solver | None, **counts: int) -> Solver:
 
 
 def checked_data(y) -> np.ndarray:
+    refuse(is_traced(y), UNTRACED)
     sentence = f"The data are no array of real numbers but {type(y).__name__}: give one."
     return np.atleast_1d(real(y, sentence))
 
