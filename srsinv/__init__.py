@@ -54,6 +54,9 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.line.constraint import Edges as Edges
     from .inverse.line.problem import LineProblem as LineProblem
     from .inverse.line.rule import Evidence as Evidence
+    from .inverse.linear.estimate import LinearEstimate as LinearEstimate
+    from .inverse.linear.prior import GaussianPrior as GaussianPrior
+    from .inverse.linear.problem import LinearProblem as LinearProblem
     from .inverse.live.live import Live as Live
     from .inverse.live.live import LiveCells as LiveCells
     from .inverse.nonlinear import Fit as Fit
@@ -82,8 +85,11 @@ _MODULES = {
     "FeatureFit": "inverse.features.method",
     "Film": "forward.film",
     "Fit": "inverse.nonlinear",
+    "GaussianPrior": "inverse.linear.prior",
     "Line": "grid",
     "LineProblem": "inverse.line.problem",
+    "LinearEstimate": "inverse.linear.estimate",
+    "LinearProblem": "inverse.linear.problem",
     "Live": "inverse.live.live",
     "LiveCells": "inverse.live.live",
     "Motion": "forward.scan",

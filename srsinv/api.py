@@ -2,13 +2,13 @@
 
 import os
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import NamedTuple, overload
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from .errors import of_kind, refuse, whole
+from .errors import BadInput, echo, of_kind, refuse, whole
 from .forward.feature import Feature
 from .forward.scenario import Scenario
 from .forward.sensor import Sensor
@@ -19,9 +19,12 @@ from .inverse.estimate import Estimate
 from .inverse.features.estimate import FeatureEstimate
 from .inverse.features.method import FeatureFit
 from .inverse.line.problem import LineProblem
+from .inverse.linear.estimate import LinearEstimate
+from .inverse.linear.problem import LinearProblem
 from .inverse.method import Method
 from .inverse.problem import Problem
 from .inverse.simulated import noisy_problem
+from .inverse.tikhonov import Tikhonov
 from .inverse.wiener import Wiener
 from .recorded import problem_of, ready
 from .recording import Recording, load
@@ -79,29 +82,55 @@ def simulate(
 Invertible = Problem | LineProblem | Recording | str | os.PathLike[str]
 
 
+@overload
+def invert(
+    given: LinearProblem, method: Method | None = None, sensor: Sensor | None = None
+) -> LinearEstimate: ...
+@overload
 def invert(
     given: Invertible, method: Method | None = None, sensor: Sensor | None = None
-) -> Estimate:
-    """Invert a signal: pressure p and shear q along x [Pa] with their standard errors.
+) -> Estimate: ...
+def invert(
+    given: Invertible | LinearProblem, method: Method | None = None, sensor: Sensor | None = None
+) -> Estimate | LinearEstimate:
+    """Invert a signal: pressure p and shear q along x [Pa] with their standard errors. Also any
+    linear inverse problem.
 
     - `given`: what is inverted, one of
         - the path of a recording, with its sidecar beside it: `"scan.csv"`,
           `srsinv.examples.path("strip_two_element")` (see [`load`][srsinv.load] for formats);
         - a [`Recording`][srsinv.Recording], as `srsinv.load` gives it;
-        - a [`Problem`][srsinv.Problem] of arrays, or the `problem` that `srsinv.simulate` gives.
+        - a [`Problem`][srsinv.Problem] of arrays, or the `problem` that `srsinv.simulate` gives;
+        - a [`LinearProblem`][srsinv.LinearProblem] of any operator.
     - `method`: `srsinv.Wiener(...)`, `srsinv.Tikhonov(...)`, or one of your own that derives from
       `srsinv.kinds.Method`. None: Wiener's filter, whose levels of p and q are those under which
-      the data are most likely.
+      the data are most likely. Of a `LinearProblem`: the posterior under its prior, or
+      Tikhonov's method where it has none.
     - `sensor`: the [`Sensor`][srsinv.Sensor] that made a recording. None: the one that the sidecar
       describes. A problem has its own.
 
-    Returns an [`Estimate`][srsinv.Estimate]: `print` gives its report, `plot` its figure. Raises
+    Returns an [`Estimate`][srsinv.Estimate], of a `LinearProblem` a
+    [`LinearEstimate`][srsinv.LinearEstimate]: `print` gives its report, `plot` its figure. Raises
     `BadInput` for a file that cannot be read, for facts that are missing (depth, speed, ...), for
     numbers of films and signals that differ, and for arguments of another kind.
     """
+    if isinstance(given, LinearProblem):
+        return _linear(given, method, sensor)
     method = Wiener(scale="evidence") if method is None else method
     wanted = "a method, such as srsinv.Tikhonov()"
     return of_kind("method", method, Method, wanted)(_problem(given, sensor))
+
+
+def _linear(given: LinearProblem, method: Method | None, sensor: Sensor | None) -> LinearEstimate:
+    refuse(sensor is not None, "A LinearProblem has no sensor: leave `sensor` out.")
+    if method is None:
+        method = Tikhonov() if given.prior is None else Wiener()
+    if not isinstance(method, Tikhonov | Wiener):
+        raise BadInput(
+            f"A LinearProblem is solved by srsinv.Tikhonov() or srsinv.Wiener(), and method is "
+            f"{echo(method)}: give one of the two."
+        )
+    return method(given)
 
 
 def fit_recording(

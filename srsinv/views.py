@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+_OF_UNKNOWN = {"value": "value", "stderr": "value_stderr"}
 Arrays = dict[str, tuple[Any, ...]]
 
 
@@ -89,7 +90,7 @@ class Views(abc.ABC):
 
         With parameters, a row for each: name, value, stderr, low and high (the ends of the 90 %
         interval) and unit. Without, a row for each cell: x_m, p_Pa, p_stderr_Pa, q_Pa,
-        q_stderr_Pa.
+        q_stderr_Pa; of a linear problem a row for each unknown: index, value and stderr.
 
         Raises `BadInput` where pandas is not installed.
         """
@@ -100,6 +101,9 @@ class Views(abc.ABC):
                 "to_dataframe needs pandas, which is not installed: type pip install pandas."
             ) from error
         data = self._dataset()
+        if "value_stderr" in data:
+            flat = {name: data[key].values.ravel() for name, key in _OF_UNKNOWN.items()}
+            return pandas.DataFrame({"index": np.arange(data["value"].size), **flat})
         if "reported" not in data.dims:
             columns = {"x_m": data["x"].values}
             for name, of in data.groupby("component"):
@@ -123,7 +127,8 @@ class Views(abc.ABC):
         fit and residual, those that it has.
 
         - `x` (sample,): what the data of a fit are drawn over; None: position or number.
-        - `truth` (2, n) [Pa]: the true p and q on the line of an estimate.
+        - `truth` (2, n) [Pa]: the true p and q on the line of an estimate; of a linear problem the
+          true unknown, in its shape.
         - `marks`: of `srsinv.plot.Mark`, across the panels of p and q.
         - `title`: of the figure; None: what the answer is, and its quality.
 

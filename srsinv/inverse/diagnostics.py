@@ -165,6 +165,25 @@ def prior_alone(
     )
 
 
+def nothing_resolved(resolved_dof: float, unknowns: int) -> Sequence[str]:
+    """Warning on data of a linear problem that resolve `resolved_dof` of its `unknowns`."""
+    if resolved_dof >= LEAST_RESOLVED_DOF:
+        return ()
+    return (
+        f"The data resolve {_count(resolved_dof)} of the {unknowns} unknowns. The estimate and its "
+        "band are mostly the prior: reduce the noise, or take further data.",
+    )
+
+
+def drawn_bands(draws: int) -> Sequence[str]:
+    """Warning on bands that are the scatter of so many draws from the posterior."""
+    return (
+        f"Bands are those of {draws} draws from the posterior, and right to "
+        f"{100 / math.sqrt(2 * draws):.0f} % (one standard deviation). For exact ones, give "
+        "path=direct.",
+    )
+
+
 def shared_out(resolved_dof: float) -> Sequence[str]:
     """Warning on p and q that are observed through one linear combination alone: of the other one
     the signal resolves `resolved_dof` degrees of freedom."""

@@ -53,7 +53,46 @@ class Stats(dict[str, Any]):
         return made
 
 
-class Estimate(Views, eqx.Module):
+class BandedAnswer(Views, eqx.Module):
+    """Base of estimates: values with standard errors, and the quality that follows from their
+    residual and their warnings."""
+
+    stderr: eqx.AbstractVar[Float[Numbers, "..."]]
+    whitened: eqx.AbstractVar[Float[Numbers, "..."]]
+    status: eqx.AbstractVar[Status]
+    warnings: eqx.AbstractVar[tuple[str, ...]]
+    stats: eqx.AbstractVar[dict[str, Any]]
+
+    @property
+    def quality(self) -> Quality:
+        """Good, doubtful (any warning), no bands, or failed."""
+        chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
+        freedom = np.inf if freedom is None else freedom
+        return quality(self.status, chi2, self.warnings, freedom, self.has_bands)
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the quality is not good, as sentences."""
+        return reasons(self.status, self.warnings, self.has_bands)
+
+    @property
+    def has_bands(self) -> bool:
+        """Whether the values have standard errors."""
+        return not np.isnan(np.asarray(self.stderr)).all(axis=-1).any()
+
+    @property
+    def chi2_per_freedom(self) -> float | None:
+        """Chi-square of the residual per degree of freedom, None where it is undefined."""
+        return self.stats.get("chi2_per_freedom")
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the residual in units of the noise, 1 where only noise is left, NaN where
+        there is no answer."""
+        return float(mean_known(np.asarray(self.whitened) ** 2))
+
+
+class Estimate(BandedAnswer):
     """Recovered traction with its uncertainty; every method gives the same.
 
     `print` gives a report; `plot`, `to_xarray`, `to_dataframe` give a figure, arrays, a table.
@@ -171,34 +210,6 @@ class Estimate(Views, eqx.Module):
     def _value_and_stderr(self) -> tuple[Numbers, Numbers]:
         """Both at once, for estimates that compute them when they are asked for."""
         return self.value, self.stderr
-
-    @property
-    def quality(self) -> Quality:
-        """Good, doubtful (any warning), no bands, or failed."""
-        chi2, freedom = self.stats.get("chi2_per_freedom"), self.stats.get("degrees_of_freedom")
-        freedom = np.inf if freedom is None else freedom
-        return quality(self.status, chi2, self.warnings, freedom, self.has_bands)
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Why the quality is not good, as sentences."""
-        return reasons(self.status, self.warnings, self.has_bands)
-
-    @property
-    def has_bands(self) -> bool:
-        """Whether p and q have standard errors."""
-        return not np.isnan(np.asarray(self.stderr)).all(axis=-1).any()
-
-    @property
-    def chi2_per_freedom(self) -> float | None:
-        """Chi-square of the residual per degree of freedom, None where it is undefined."""
-        return self.stats.get("chi2_per_freedom")
-
-    @property
-    def misfit(self) -> float:
-        """Mean square of the residual in units of the noise, 1 where only noise is left, NaN where
-        there is no answer."""
-        return float(mean_known(np.asarray(self.whitened) ** 2))
 
 
 class TractionEstimate(Estimate):

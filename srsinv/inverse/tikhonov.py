@@ -1,7 +1,7 @@
 """Tikhonov's method: a penalty on the traction or its derivatives, its weight chosen by a rule."""
 
 from collections.abc import Callable, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, overload
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ from jaxtyping import Array, Float
 
 from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
-from ..known import array_module, as_number, is_traced, namespace
+from ..known import array_module, as_number, namespace
 from ..status import Status
 from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
@@ -19,10 +19,14 @@ from .line.constrained import constrained
 from .line.constraint import Constraint, checked_constraint, refuse_constraint
 from .line.prior import Prior, squared_differences
 from .line.problem import LineProblem
-from .line.rule import Choice, Evidence, Rule, to_score
+from .line.rule import Choice, Evidence, Rule, choose, to_score
 from .line.scorer import Family, LineScorer
 from .line.solve import PATHS, choose_path, conditioned, solve
 from .line.spectral import square, white_model
+from .linear.estimate import LinearEstimate
+from .linear.problem import LinearProblem
+from .linear.solve import Regularisation
+from .linear.solve import solve as solve_linear
 from .method import Method
 from .problem import Problem
 
@@ -90,6 +94,10 @@ class Tikhonov(Method):
     - `constraint`: what is known beside the penalty, as `srsinv.Admissible()` or `srsinv.Edges()`,
       with which p and q are the most probable ones. None: nothing.
 
+    Of a [`LinearProblem`][srsinv.LinearProblem] it penalises differences from one unknown to the
+    next, without `length_m`; where that has a prior, the weight multiplies the prior's precision,
+    and `order` is not used. `weight_p` is the weight there.
+
     The standard error is that of the posterior under the Gaussian prior that the penalty stands
     for (Wahba 1983). Raises `BadInput` for an order other than 0, 1, 2 or a negative weight.
     """
@@ -132,8 +140,15 @@ class Tikhonov(Method):
         self.tolerance = number(f"{key}tolerance", tolerance, wanted, above=0, below=1)
         self.constraint = checked_constraint(f"{key}constraint", constraint)
 
-    def __call__(self, problem: Problem | LineProblem) -> Estimate:
-        """Estimate of p and q, with the weights that were given or chosen in its stats."""
+    @overload
+    def __call__(self, problem: LinearProblem) -> LinearEstimate: ...
+    @overload
+    def __call__(self, problem: Problem | LineProblem) -> Estimate: ...
+    def __call__(self, problem: Problem | LineProblem | LinearProblem) -> Estimate | LinearEstimate:
+        """Estimate of p and q or of a linear problem's unknown, with the weights that were given or
+        chosen in its stats."""
+        if isinstance(problem, LinearProblem):
+            return self._linear(problem)
         problem = problem.to_grid()
         given = (self.weight_p, self.weight_q)[: problem.unknowns]
         known = _known(given)
@@ -149,6 +164,20 @@ class Tikhonov(Method):
                 choice.status,
             )
         )
+
+    def _linear(self, problem: LinearProblem) -> LinearEstimate:
+        """The estimate of a linear problem, whose prior is weighed, or the differences of its
+        unknown."""
+        refuse_constraint(self.constraint)
+        refuse(
+            self.weight_q is not None,
+            "A LinearProblem has one unknown: give weight_p alone, without weight_q.",
+        )
+        stats: dict[str, Any] = {"method": "tikhonov"}
+        stats |= {"order": self.order} if problem.prior is None else {}
+        weight = None if self.weight_p is None else as_number(self.weight_p)
+        how = self.path, self.tolerance, stats
+        return solve_linear(problem, Regularisation(weight, self.rule, self.order, *how))
 
     def _solved(
         self, problem: LineProblem, weights: Float[Numbers, " c"], rule: str, status: Status
@@ -181,21 +210,9 @@ class Tikhonov(Method):
 
     def _choose(self, problem: LineProblem, given: Weights) -> Choice:
         """The rule's choice of the weights that are not given."""
-        low, high = box = self._box(problem, given)
-        name, family = type(self.rule).__name__, Penalties(self.length_m, self.order)
+        box, family = self._box(problem, given), Penalties(self.length_m, self.order)
         problem = to_score(problem, family, box, self.path)
-        choice = self.rule.choose(LineScorer(family, problem, self.path), as_real(box))
-        of_kind(f"what {name}.choose gives", choice, Choice, "a Choice of srsinv.inverse.rule")
-        if is_traced(choice, box):
-            return choice
-        chosen = np.asarray(choice.log_weights)
-        fits = chosen.shape == low.shape and np.all((low <= chosen) & (chosen <= high))
-        refuse(
-            not fits,
-            f"{name}.choose gives the log10 weights {chosen.tolist()}: give one for each component "
-            f"within the box, from {low.tolist()} to {high.tolist()}.",
-        )
-        return choice
+        return choose(self.rule, LineScorer(family, problem, self.path), box)
 
     def _box(self, problem: LineProblem, given: Weights) -> Float[Numbers, "2 c"]:
         """Range of the log10 weight: from far below to above the signal's information per mode."""

@@ -2,14 +2,14 @@
 
 import abc
 from collections.abc import Callable
-from typing import Any, ClassVar
+from typing import Any, ClassVar, overload
 
 import equinox as eqx
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import choice, number, of_kind
+from ..errors import choice, number, of_kind, refuse
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..known import array_module, as_number, by_numpy, is_traced, namespace
@@ -23,6 +23,10 @@ from .line.problem import LineProblem
 from .line.rule import Evidence, to_score
 from .line.scorer import Family, LineScorer
 from .line.solve import PATHS, conditioned, solve
+from .linear.estimate import LinearEstimate
+from .linear.problem import LinearProblem
+from .linear.solve import Regularisation
+from .linear.solve import solve as solve_linear
 from .method import Method
 from .problem import Problem
 
@@ -128,7 +132,10 @@ class Wiener(Method):
     - `constraint`: what is known beside the spectra, as `srsinv.Admissible()`, with which p and q
       are the most probable admissible ones. None: nothing.
 
-    Raises `BadInput` for other values.
+    Of a [`LinearProblem`][srsinv.LinearProblem] it takes the prior that the problem has; "evidence"
+    multiplies the prior's covariance by 1 / `weight` of the stats.
+
+    Raises `BadInput` for other values, and for a `LinearProblem` without a prior.
     """
 
     p: TractionSpectrum
@@ -154,8 +161,14 @@ class Wiener(Method):
         self.tolerance = number(key, tolerance, wanted, above=0, below=1)
         self.constraint = checked_constraint("method.wiener.constraint", constraint)
 
-    def __call__(self, problem: Problem | LineProblem) -> Estimate:
-        """Posterior mean and standard error of p and q."""
+    @overload
+    def __call__(self, problem: LinearProblem) -> LinearEstimate: ...
+    @overload
+    def __call__(self, problem: Problem | LineProblem) -> Estimate: ...
+    def __call__(self, problem: Problem | LineProblem | LinearProblem) -> Estimate | LinearEstimate:
+        """Posterior mean and standard error of p and q, or of a linear problem's unknown."""
+        if isinstance(problem, LinearProblem):
+            return self._linear(problem)
         problem = problem.to_grid()
         power = self.spectra(problem)
         if self.scale == "given":
@@ -166,6 +179,19 @@ class Wiener(Method):
         return conditioned(
             lambda decades: self._solved(problem, as_real(scaled / 10**decades), status)
         )
+
+    def _linear(self, problem: LinearProblem) -> LinearEstimate:
+        """The posterior of a linear problem under its prior."""
+        refuse_constraint(self.constraint)
+        refuse(
+            problem.prior is None,
+            "Wiener needs a prior, which the LinearProblem lacks: give it "
+            "prior=srsinv.GaussianPrior(...), or take srsinv.Tikhonov().",
+        )
+        weight = 1.0 if self.scale == "given" else None
+        stats = {"method": "wiener", "scale": self.scale}
+        how = self.path, self.tolerance, stats
+        return solve_linear(problem, Regularisation(weight, Evidence(), 0, *how))
 
     def _solved(
         self, problem: LineProblem, power: Float[Array, "c k"], status: Status

@@ -48,13 +48,16 @@ def html(data: xarray.Dataset, reasons: Sequence[str]) -> str:
 
 
 def _blocks(data: xarray.Dataset, most_rows: int | None = None) -> Iterator[Paragraph | Table]:
-    """What the answer is and how good, then its parameters, then p and q."""
+    """What the answer is and how good, then its parameters, then p and q, or the unknown of a
+    linear problem."""
     quality = str(data["quality"].item())
     words = f"{data.attrs['title']}; quality: {quality}. {no_answer(quality).capitalize()}"
     yield Paragraph(words.strip())
     yield Paragraph(_numbers(data))
     if "reported" in data.dims:
         yield from _parameters(data, most_rows)
+    if "value_stderr" in data:
+        yield _unknown(data)
     if "estimate" in data:
         yield _traction(data)
         unobserved = data.attrs.get("mean_unobserved", "").replace(",", " and ")
@@ -80,6 +83,8 @@ def _numbers(data: xarray.Dataset) -> str:
     if "estimate" in data:
         own = f"{used} data points of {elements} element{'s' * (elements > 1)}"
         said = [f"{own}, {data.sizes['x']} cells"]
+    if "value_stderr" in data:
+        said = [f"{used} data points, {data['value'].size} unknowns"]
     chi2, freedom = float(data["chi2_per_freedom"]), float(data["degrees_of_freedom"])
     if np.isfinite(chi2):
         left = words_of.significant(chi2)
@@ -162,6 +167,22 @@ def _traction(data: xarray.Dataset) -> Table:
     columns = ["", "highest", "at x", "rms", "90 % band, mean", "resolved degrees of freedom"]
     last = len(columns) - bool(np.isnan(data["resolved_dof"]).all())
     return Table(tuple(columns[:last]), tuple(row[:last] for row in rows))
+
+
+def _unknown(data: xarray.Dataset) -> Table:
+    """The unknown of a linear problem: its extremes with their standard errors, and its band."""
+    value, stderr = (data[name].values for name in ("value", "value_stderr"))
+    row = []
+    for find in (np.argmin, np.argmax):
+        at = np.unravel_index(int(find(value)), value.shape)
+        own = words_of.quantity_with_error(float(value[at]), float(stderr[at]), "1")
+        row.append(f"{own} at {', '.join(map(str, at))}")
+    half = BAND_90 * float(mean_known(stderr))
+    row.append(words_of.significant(float(np.sqrt(mean_known(value**2)))))
+    row.append(f"± {words_of.significant(half)}" if np.isfinite(half) else "not known")
+    row.append(words_of.significant(float(data["resolved_dof"])))
+    columns = "lowest", "highest", "rms", "90 % band, mean", "resolved degrees of freedom"
+    return Table(columns, (tuple(row),))
 
 
 def _in(scale: tuple[float, str], value: float) -> str:

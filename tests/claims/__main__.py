@@ -14,8 +14,8 @@ from tests.claims.study import Study
 
 STUDIES = (
     "admissible", "clean_draws", "commands", "disturbances", "faults", "lab_cases", "layered_line",
-    "live", "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "rig_bands", "rigs",
-    "robustness", "rules", "screening", "tolerances",
+    "live", "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "regularisation_tools",
+    "rig_bands", "rigs", "robustness", "rules", "screening", "tolerances",
 )  # fmt: skip
 
 

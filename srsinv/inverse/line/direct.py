@@ -140,7 +140,8 @@ class Scored(NamedTuple):
     """What the scores of a family's priors share: the whitened model and data, the data's
     information on the traction, the penalty of the prior with weights of 1, of each component the
     `rank` of its penalty, the penalty's log pseudo-determinant `log_root`, halved, and which means
-    are not solved for. `elements`: among which the samples are divided."""
+    are not solved for. `basis`: what makes cells of the unknowns; None: they are the cells, whose
+    mean moves without being counted."""
 
     white: Whitened
     information: Float[Array, "m m"]
@@ -148,6 +149,7 @@ class Scored(NamedTuple):
     rank: Float[Array, " c"]
     log_root: Float[Array, ""]
     zero_mean: Bool[Array, " c"]
+    basis: Float[Array, "cell m"] | None = None
 
 
 @jax.jit
@@ -182,6 +184,10 @@ def score(factor: Float[Array, " c"], of: Scored) -> Score:
     pulling = penalty @ value
     pull = solved(_centre(pulling[:, None], of.zero_mean)[:, 0])
     moved = jax.scipy.linalg.solve_triangular(posterior.root, pull, trans=1, lower=True)
+    if of.basis is None:
+        moved = _centre(moved[:, None], jnp.ones(factor.shape, bool))
+    else:
+        moved = of.basis @ moved
     log_prior = of.rank @ jnp.log(factor) + of.log_root
     log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
     log_posterior -= jnp.sum(of.zero_mean) * jnp.log(posterior.scale) / 2
@@ -193,7 +199,7 @@ def score(factor: Float[Array, " c"], of: Scored) -> Score:
         log_prior - log_posterior - square / 2,
         value @ pulling,
         pull @ pull,
-        jnp.sum(_centre(moved[:, None], jnp.ones(factor.shape, bool)) ** 2),
+        jnp.sum(moved**2),
         jnp.sum(jnp.abs(jnp.fft.rfft(rows)) ** 2, axis=0),
     )
 

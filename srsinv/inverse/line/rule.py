@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
+from ...errors import of_kind, refuse
 from ...grid import as_real
 from ...known import is_traced
 from ...status import Status
@@ -190,6 +191,24 @@ def _is_partly_resolved(score: Any, samples: int) -> Any:
 
 PARTLY = 0.5  # degrees of freedom: at the largest and the smallest singular value
 TOLERANCE = 1e-4
+
+
+def choose(rule: Rule, scorer: Scorer, box: Float[Numbers, "2 c"]) -> Choice:
+    """The rule's choice of weights within the box, refused where a rule of somebody else gives
+    other ones."""
+    name, (low, high) = type(rule).__name__, box
+    choice = rule.choose(scorer, as_real(box))
+    of_kind(f"what {name}.choose gives", choice, Choice, "a Choice of srsinv.inverse.rule")
+    if is_traced(choice, box):
+        return choice
+    chosen = np.asarray(choice.log_weights)
+    fits = chosen.shape == low.shape and np.all((low <= chosen) & (chosen <= high))
+    refuse(
+        not fits,
+        f"{name}.choose gives the log10 weights {chosen.tolist()}: give one for each component "
+        f"within the box, from {low.tolist()} to {high.tolist()}.",
+    )
+    return choice
 
 
 def to_score(

@@ -49,9 +49,11 @@ class Family(eqx.Module):
 
 class Scores(eqx.Module):
     """What the scores of a family's priors have in common. `together`: how many are computed at
-    once; `is_double`: whether in double precision even where jax has single."""
+    once; `is_double`: whether in double precision even where jax has single; `scanned`: how many
+    weights a rule looks at first, where one costs little."""
 
     together: ClassVar[int]
+    scanned: ClassVar[int | None] = None
     is_double: ClassVar[bool]
     sign: int = eqx.field(static=True)
 
@@ -121,7 +123,7 @@ class Scorer(eqx.Module):
             known = self.scores, jnp.asarray(box)
             frozen = jax.lax.stop_gradient(known)
             value = partial(_value, criterion, self.samples, is_joint)
-            search = Search.of(is_joint, frozen[1], self.scores.together)
+            search = Search.of(is_joint, frozen[1], self.scores.together, self.scores.scanned)
             found = search.least(partial(value, frozen))
             return weights_at(is_joint, known[1], search.with_slopes(value, known, found))
         with self._in_double():
@@ -211,7 +213,7 @@ def _values(criterion: Criterion, samples: int, scores: Scores, log_weights, cou
 @partial(jax.jit, static_argnames=("criterion", "samples", "is_joint"))
 def _least(criterion: Criterion, samples: int, is_joint: bool, scores: Scores, box):
     value = partial(_value, criterion, samples, is_joint, (scores, box))
-    search = Search.of(is_joint, box, scores.together)
+    search = Search.of(is_joint, box, scores.together, scores.scanned)
     return weights_at(is_joint, box, search.least(value))
 
 

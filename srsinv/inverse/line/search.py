@@ -110,22 +110,29 @@ def each_row(value: Callable, rows: Float[Array, "row c"], count: Any, together:
 
 
 class Search(eqx.Module):
-    """A search from `low` (c,) to `high` (c,), of which `together` points are computed at once."""
+    """A search from `low` (c,) to `high` (c,), of which `together` points are computed at once.
+
+    `scanned`: weights of the first scan, where a criterion costs little; None: see `_plan`.
+    """
 
     low: Float[Array, " c"]
     high: Float[Array, " c"]
     is_joint: bool = eqx.field(static=True)
     together: int = eqx.field(static=True)
+    scanned: int | None = eqx.field(static=True, default=None)
 
     @classmethod
-    def of(cls, is_joint: bool, box: Float[Array, "2 c"], together: int) -> "Search":
+    def of(
+        cls, is_joint: bool, box: Float[Array, "2 c"], together: int, scanned: int | None = None
+    ) -> "Search":
         """The search of all weights in the box, or along its diagonal."""
-        return cls(*_ends(is_joint, box), is_joint, together)
+        return cls(*_ends(is_joint, box), is_joint, together, scanned)
 
     def least(self, value: Value) -> Float[Array, " c"]:
         """Where the value is least: `on_grids`, then Newton's steps."""
         low, high, size = self.low, self.high, self.low.size
-        scanned, widths = _plan(self.is_joint)
+        scanned, widths = _plan(self.is_joint or self.scanned is not None)
+        scanned = self.scanned or scanned
         offsets = np.delete(_offsets(size), len(_offsets(size)) // 2, axis=0)
         around = jnp.zeros((scanned, size)).at[: len(offsets)].set(offsets)
         halves = jnp.array([0.0, *widths])

@@ -1,0 +1,1 @@
+"""Any linear inverse problem: an operator, data, noise and a prior."""
