@@ -50,9 +50,9 @@ class LinearProblem(eqx.Module):
         data: Any,
         noise: Any,
         *,
-        prior: GaussianPrior | None = None,
+        prior: Any = None,
         adjoint: Any = None,
-        name: str = "Linear problem",
+        name: Any = "Linear problem",
     ):
         self.name = of_kind("name", name, str, 'a text, such as "Deconvolution"')
         values = _numbers("data", data)

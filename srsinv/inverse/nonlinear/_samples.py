@@ -255,9 +255,8 @@ def _inference_data(groups: Mapping[str, Mapping[str, Any]]) -> Any:
             "to_inference_data needs arviz, which is not installed: type "
             "pip install 'srsinv[sample]'."
         ) from error
-    if hasattr(arviz, "InferenceData"):
-        return arviz.from_dict(**groups)
-    return arviz.from_dict(groups)
+    is_first = arviz.__version__.startswith("0.")
+    return arviz.from_dict(**groups) if is_first else arviz.from_dict(groups)
 
 
 def _listed(names: Mapping[str, float]) -> str:
