@@ -30,8 +30,13 @@ def piped(*overrides, **streams):
     pipe = subprocess.PIPE
     return subprocess.Popen(
         [sys.executable, "-m", "srsinv", *typed], stdin=pipe, stdout=pipe, stderr=pipe, text=True,
-        cwd=ROOT, **streams,
+        cwd=ROOT, preexec_fn=_heeding, **streams,
     )  # fmt: skip
+
+
+def _heeding():
+    """A job in a shell's background ignores SIGINT, and so would the commands that it starts."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
 def table(lines):
