@@ -27,16 +27,16 @@ def piped(*overrides, **streams):
     """The command as a process that reads lines."""
     sidecar = f"recording.sidecar={EXAMPLE.with_suffix('.json')}"
     typed = ["experiment=live", "live.source=-", *overrides, sidecar, "method=wiener", *LEVELS]
-    pipe = subprocess.PIPE
-    return subprocess.Popen(
-        [sys.executable, "-m", "srsinv", *typed], stdin=pipe, stdout=pipe, stderr=pipe, text=True,
-        cwd=ROOT, preexec_fn=_heeding, **streams,
-    )  # fmt: skip
-
-
-def _heeding():
-    """A job in a shell's background ignores SIGINT, and so would the commands that it starts."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    pipe, before = subprocess.PIPE, signal.getsignal(signal.SIGINT)
+    if before is signal.SIG_IGN:  # as in a shell's background: commands started so ignore it, too
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-m", "srsinv", *typed], stdin=pipe, stdout=pipe, stderr=pipe,
+            text=True, cwd=ROOT, **streams,
+        )  # fmt: skip
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def table(lines):
