@@ -116,11 +116,20 @@ def test_traced_numbers_are_those_of_known_ones(path):
         np.testing.assert_allclose(traced, known, rtol=1e-8)
 
 
-def test_nuisance_and_rig_are_the_same_when_traced():
-    """Fitted signal, residual and degrees of freedom, beside columns on the signals."""
+@pytest.mark.parametrize("path", quick(CASES, "spectral", "direct"))
+def test_nuisance_and_rig_are_the_same_when_traced(path):
+    """Fitted signal, residual and degrees of freedom, beside columns on the signals and under a rig
+    whose gains are uncertain."""
     columns = np.cos(np.linspace(0, 9, N) + np.arange(2)[:, None, None]) * 1e-6
-    case = make_case("open", observed=gaps(), colour=True, nuisance=columns)
-    method = Tikhonov(weight_p=2e-5, weight_q=8e-5, path="direct")
+    beside = {} if path == "spectral" else {"nuisance": columns}
+    operator = make_case(**CASES[path]).problem.forward
+    gains = 0.1 * np.eye(2)[..., None, None] * np.asarray(operator.transfer)  # of each element
+    changes = dataclasses.replace(operator, transfer=jnp.asarray(gains.reshape(4, 2, -1)))
+    rig = {"rig_changes": changes, "rig_sources": ("gain_1", "gain_2")}
+    case = make_case(**CASES[path], **beside, **rig)
+    method = Tikhonov(weight_p=2e-5, weight_q=8e-5, path=path, tolerance=1e-12)
+    exact = srsinv.invert(make_case(**CASES[path], **beside).problem, method)
+    assert np.all(np.asarray(srsinv.invert(case.problem, method).stderr) >= exact.stderr)
     known = srsinv.invert(case.problem, method)
     traced = eqx.filter_jit(srsinv.invert)(case.problem, method)
     for name in ("value", "stderr", "fitted", "whitened"):

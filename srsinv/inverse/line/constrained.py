@@ -29,7 +29,15 @@ from .prior import Prior
 from .problem import LineProblem
 from .solve import DIRECT_LIMIT
 from .spectral import noise_whitener, prior_root, white_model
-from .splitting import Dense, Minimum, Penalised, PerWave, Posterior, inverse_of_blocks, minimise
+from .splitting import (
+    Dense,
+    GaussianPosterior,
+    Penalised,
+    PerWave,
+    SplitMinimum,
+    inverse_of_blocks,
+    minimise,
+)
 
 TOLERANCE = 3e-2  # standard errors by which a cell of the estimate may be off
 DRAW_TOLERANCE = 1e-1  # and of a draw, or of an estimate with edges
@@ -47,7 +55,7 @@ class Centred(NamedTuple):
     """A Gaussian posterior, its mean (c, n), the level (c, 1) [Pa] that makes it the whole
     traction, whether a component's mean is fixed, and the penalty of each to begin with."""
 
-    posterior: Posterior
+    posterior: GaussianPosterior
     mean: Float[Any, "c n"]
     level: Float[Any, "c 1"]
     is_fixed: Bool[Any, " c"]
@@ -113,7 +121,7 @@ def _check(problem: LineProblem, constraint: Constraint) -> None:
 
 def _solved(
     problem: LineProblem, prior: Prior, estimate: TractionEstimate, constraint: Constraint
-) -> tuple[Minimum, Minimum]:
+) -> tuple[SplitMinimum, SplitMinimum]:
     """The most probable traction, and projected draws."""
     share = LEFT_OF_PRIOR if constraint.laplace_order else 1.0
     centred = centred_posterior(problem, prior, constraint, share)
@@ -225,7 +233,7 @@ def _dense(
     scale = np.mean(np.diag(precision))
     inverse = np.linalg.inv(np.linalg.cholesky(precision + scale * means))
     covariance = inverse.T @ inverse - means / scale
-    right = off @ np.asarray(of.white.model.T @ of.white.data, float)
+    right = off @ np.asarray(of.white.model.T @ of.white.data.ravel(), float)
     mean, root, is_free = covariance @ right, off @ inverse.T, ~zero_mean
     if spread is not None:
         along = np.repeat(np.arange(2) == 1, n).astype(float)
@@ -248,7 +256,7 @@ def _dense(
 
 def _estimate(
     problem: LineProblem, gaussian: Any, parts: Any, draws: np.ndarray,
-    best: Minimum, status: Status,
+    best: SplitMinimum, status: Status,
 ) -> TractionEstimate:  # fmt: skip
     """The estimate of these parts; warnings and averaging are the Gaussian estimate's."""
     distance = float(best.distance[0])

@@ -15,20 +15,16 @@ from .problem import LineProblem
 class Whitened(NamedTuple):
     """Model and data over the valid samples, in units of the noise.
 
-    Rows of missing samples are zero. An unknown offset has been projected out. `nuisance`: the
-    columns of each element; `changes`: of the signals, by the rig.
+    Rows of missing samples are zero. An unknown offset has been projected out.
     """
 
     model: Float[Array, "s m"]
-    data: Float[Array, " s"]
-    nuisance: Float[Array, "e n column"]
-    changes: Float[Array, "s j"]
+    data: Float[Array, "e n"]
 
 
 @jax.jit
-def whiten(problem: LineProblem, changes: Float[Array, "j e n"] | None = None) -> Whitened:
-    """Whiten every element by the Cholesky factor of its noise covariance; the `changes` of signals
-    with its data."""
+def whiten(problem: LineProblem) -> Whitened:
+    """Whiten every element by the Cholesky factor of its noise covariance."""
     n, unknowns = problem.line.n, problem.unknowns
     basis = jnp.eye(unknowns * n).reshape(-1, unknowns, n)
     columns = jnp.moveaxis(jax.vmap(problem.forward)(basis), 0, -1)  # (element, sample, unknown)
@@ -38,32 +34,27 @@ def whiten(problem: LineProblem, changes: Float[Array, "j e n"] | None = None) -
     lag = np.arange(n)[:, None] - np.arange(n)
     lags = jnp.fft.irfft(problem.noise.at[:, 0].set(at_zero), n)
 
-    def one(model, data, observed, scale, columns, lags, changes):
+    def one(model, data, observed, scale, columns, lags):
         toeplitz = lags[lag]
         both = observed[:, None] & observed[None, :]
         covariance = scale[:, None] * toeplitz * scale + columns.T @ columns
         root = jnp.linalg.cholesky(jnp.where(both, covariance, jnp.eye(n)))
-        rows = [model, data[:, None], columns.T, changes, jnp.ones((n, 1))]
-        rows = jnp.concatenate(rows, axis=-1)
+        rows = jnp.concatenate([model, data[:, None], jnp.ones((n, 1))], axis=-1)
         rows = jnp.where(observed[:, None], rows, 0.0)
         rows = jax.scipy.linalg.solve_triangular(root, rows, lower=True)
         one = rows[:, -1]
         coefficients = (one @ rows) / jnp.maximum(one @ one, jnp.finfo(one.dtype).tiny)
         rows = rows - jnp.where(free_offset, one[:, None] * coefficients[None, :], 0.0)
-        model, data = rows[:, : unknowns * n], rows[:, unknowns * n]
-        further = rows[:, unknowns * n + 1 : -1]
-        return model, data, further[:, : len(columns)], further[:, len(columns) :]
+        return rows[:, :-2], rows[:, -2]
 
     # Not batched: batched LAPACK on a CPU can deadlock (see `nonlinear`).
     scale = jnp.ones(problem.data.shape) if problem.noise_scale is None else problem.noise_scale
     nothing = jnp.zeros((len(problem.data), 0, n))
     nuisance = nothing if problem.nuisance is None else problem.nuisance
     of_each = jnp.broadcast_to(lags, (len(problem.data), n))
-    moved = jnp.zeros((0, *problem.data.shape)) if changes is None else changes
-    each = columns, problem.data, observed, scale, nuisance, of_each, jnp.moveaxis(moved, 0, -1)
-    model, data, columns, moved = jax.lax.map(lambda rows: one(*rows), each)
-    moved = moved.reshape(data.size, -1)
-    return Whitened(model.reshape(-1, unknowns * n), data.reshape(-1), columns, moved)
+    each = columns, problem.data, observed, scale, nuisance, of_each
+    model, data = jax.lax.map(lambda rows: one(*rows), each)
+    return Whitened(model.reshape(-1, unknowns * n), data)
 
 
 class PosteriorFactor(NamedTuple):
@@ -107,7 +98,7 @@ def solve(problem: LineProblem, prior: Prior, white: Whitened) -> Solution:
     information = white.model.T @ white.model
     posterior = _posterior(problem.zero_mean, information + _penalty(problem, prior))
     covariance = posterior.covariance()
-    value = covariance @ (white.model.T @ white.data)
+    value = covariance @ (white.model.T @ white.data.ravel())
     variance = jnp.maximum(_variance(problem, covariance), 0.0)
     middle = jnp.arange(unknowns) * n + n // 2
     averaging = covariance @ information[:, middle]
@@ -171,6 +162,7 @@ def score(factor: Float[Array, " c"], of: Scored) -> Score:
     """The score, over the valid samples, of the prior whose root is `factor` times that of weights
     of 1."""
     white, each = of.white, jnp.repeat(factor**2, len(of.penalty) // factor.size)
+    data = white.data.ravel()
     penalty = each[:, None] * of.penalty
     posterior = _posterior(of.zero_mean, of.information + penalty)
 
@@ -178,8 +170,8 @@ def score(factor: Float[Array, " c"], of: Scored) -> Score:
         return jax.scipy.linalg.solve_triangular(posterior.root, right, lower=True)
 
     # Apart, as a criterion may need some terms alone, which are far quicker.
-    model, right = solved(white.model.T), solved(white.model.T @ white.data)
-    residual = white.data - model.T @ right
+    model, right = solved(white.model.T), solved(white.model.T @ data)
+    residual = data - model.T @ right
     value = jax.scipy.linalg.solve_triangular(posterior.root, right, trans=1, lower=True)
     pulling = penalty @ value
     pull = solved(_centre(pulling[:, None], of.zero_mean)[:, 0])
@@ -191,8 +183,8 @@ def score(factor: Float[Array, " c"], of: Scored) -> Score:
     log_prior = of.rank @ jnp.log(factor) + of.log_root
     log_posterior = jnp.sum(jnp.log(jnp.diagonal(posterior.root)))
     log_posterior -= jnp.sum(of.zero_mean) * jnp.log(posterior.scale) / 2
-    square = white.data @ white.data - right @ right
-    rows = residual.reshape(len(white.nuisance), -1)
+    square = data @ data - right @ right
+    rows = residual.reshape(white.data.shape)
     return Score(
         residual @ residual,
         jnp.sum(model**2),

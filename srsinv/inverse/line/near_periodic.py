@@ -235,7 +235,7 @@ class PriorScore:
         return np.where(white > 0, self._surprise / np.where(white > 0, white, 1.0), 0.0)
 
     @cached_property
-    def _moved(self) -> Complex[np.ndarray, "c k"]:
+    def _slope(self) -> Complex[np.ndarray, "c k"]:
         """C P r."""
         near = self._near
         pulling = from_spectrum(self._pulling, near.n)
@@ -249,11 +249,11 @@ class PriorScore:
 
     @property
     def pull(self) -> float:
-        return float(np.sum(self._weights * np.real(self._pulling.conj() * self._moved)))
+        return float(np.sum(self._weights * np.real(self._pulling.conj() * self._slope)))
 
     @property
     def movement(self) -> float:
-        return float(np.sum((self._weights * np.abs(self._moved) ** 2)[:, 1:]))
+        return float(np.sum((self._weights * np.abs(self._slope) ** 2)[:, 1:]))
 
     @property
     def periodogram(self) -> Float[np.ndarray, " k"]:

@@ -20,14 +20,14 @@ from . import direct, implicit, spectral
 from .model import CHI2, FREEDOM, EstimateParts
 from .prior import Prior, Solution
 from .problem import LineProblem
-from .rig_bands import with_rig_errors
+from .rig_bands import times_covariance, with_rig_errors
 
 # Condition numbers up to which a solution is accepted: beyond these, errors of 1 % and more occur,
 # some 70 times the condition's round-off.
 TRUSTED = {"float64": 6e11, "float32": 1.7e4}
 
 
-class Posterior(NamedTuple):
+class PurePosterior(NamedTuple):
     """A solution, what the estimate shows of it, the errors by the rig (None: it is exact), and the
     degrees of freedom that went to the problem's nuisance."""
 
@@ -37,69 +37,38 @@ class Posterior(NamedTuple):
     nuisance_dof: Float[Array, ""]
 
 
-def posterior(problem: LineProblem, prior: Prior, path: str, tolerance: float) -> Posterior:
+def posterior(problem: LineProblem, prior: Prior, path: str, tolerance: float) -> PurePosterior:
     """The posterior by this path, to a relative tolerance on the iterative one; NaN where the
     system is too ill-conditioned for its precision."""
-    if path == "direct":
-        return _direct(problem, prior)
     if path == "iterative":
         solution = implicit.solve((problem, prior), tolerance)
-        return _iterative(problem, solution)
-    solution = spectral.solve(problem, prior)
-    parts = problem.estimate_parts(solution.value, solution.stderr)
-    return Posterior(solution, parts, _rig_errors(problem, solution, None), jnp.zeros(()))
-
-
-def _iterative(problem: LineProblem, solution: Solution) -> Posterior:
+    elif path == "spectral":
+        solution = spectral.solve(problem, prior)
+    else:
+        solution = direct.solve(problem, prior, direct.whiten(problem))
+        is_trusted = solution.condition < TRUSTED[problem.data.dtype.name]
+        factor = jnp.where(is_trusted, 1.0, jnp.nan)
+        value, stderr = factor * solution.value, factor * solution.stderr
+        solution = solution._replace(value=value, stderr=stderr)
     left = problem.data - problem.forward(solution.value)
     residual = implicit.Residual.of(problem, left)
     cleaned = with_fields(problem, data=problem.data - residual.signal, nuisance=None)
     parts = cleaned.estimate_parts(solution.value, solution.stderr)
     fitted, squares = parts.fitted + residual.signal, residual.squares(left)
     parts = parts._replace(fitted=fitted, squares=squares)
-    return Posterior(solution, parts, solution.rig_errors, residual.dof)
+    return PurePosterior(solution, parts, _rig_errors(problem, solution), residual.dof)
 
 
-def _direct(problem: LineProblem, prior: Prior) -> Posterior:
-    white = direct.whiten(problem)
-    solution = direct.solve(problem, prior, white)
-    is_trusted = solution.condition < TRUSTED[problem.data.dtype.name]
-    factor = jnp.where(is_trusted, 1.0, jnp.nan)
-    solution = solution._replace(value=factor * solution.value, stderr=factor * solution.stderr)
-    moved = _rig_errors(problem, solution, white)
-    left = white.data - white.model @ solution.value.ravel()
-    squares, dof = left @ left, jnp.zeros(())
-    if problem.nuisance is None:
-        parts = problem.estimate_parts(solution.value, solution.stderr)
-        return Posterior(solution, parts._replace(squares=squares), moved, dof)
-    # The residual is weighed by the noise with the columns in it, of the covariance R + C C^T. The
-    # expected sizes are s = C^T (R + C C^T)^-1 y, and what they leave has the square
-    # y^T (R + C C^T)^-1 y - s^T s under R alone.
-    sizes = jnp.einsum("eni,en->ei", white.nuisance, left.reshape(problem.data.shape))
-    signal = jnp.einsum("ein,ei->en", jnp.asarray(problem.nuisance), sizes)
-    signal = signal if problem.observed is None else jnp.where(problem.observed, signal, 0.0)
-    cleaned = with_fields(problem, data=problem.data - signal, nuisance=None)
-    parts = cleaned.estimate_parts(solution.value, solution.stderr)
-    squares = squares - jnp.sum(sizes**2)
-    parts = parts._replace(fitted=parts.fitted + signal, squares=squares)
-    return Posterior(solution, parts, moved, jnp.sum(white.nuisance**2))
-
-
-def _rig_errors(
-    problem: LineProblem, solution: Solution, white: direct.Whitened | None
-) -> Float[Array, "k c n"] | None:
+def _rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "k c n"] | None:
     """The changes of the solution by one standard deviation of the rig."""
-    if problem.rig_changes is None:
-        return None
+    if problem.rig_changes is None or solution.rig_errors is not None:
+        return solution.rig_errors
+
+    def gathered(y: Float[Array, "e n"]) -> Float[Array, "c n"]:
+        return problem.forward.adjoint(implicit.Residual.of(problem, y).weighed)
+
     changes = jnp.asarray(problem.rig_signals(solution.value))
-    if white is not None:
-        columns = direct.whiten(problem, changes).changes
-        moved = solution.covariance @ (white.model.T @ columns)
-        return moved.T.reshape(-1, *solution.value.shape)
-    n, weights = problem.line.n, jnp.asarray(problem.whitener) ** 2
-    right = jax.vmap(problem.forward.adjoint)(jnp.fft.irfft(jnp.fft.rfft(changes) * weights, n))
-    spectra = jnp.einsum("cdk,jdk->jck", solution.covariance, jnp.fft.rfft(right))
-    return jnp.fft.irfft(spectra, n)
+    return times_covariance(solution, jax.vmap(gathered)(changes))
 
 
 def pure_estimate(

@@ -77,17 +77,18 @@ def rig_errors(problem: LineProblem, solution: Solution) -> Float[Numbers, "j c 
     weigh = precision if problem.nuisance is None else Nuisance(problem, precision).weigh
     signals = problem.changed_signals(solution.value)
     right = [np.asarray(problem.forward.adjoint(weigh(each)), float) for each in signals]
-    return _in_directions(_times_covariance(solution, np.stack(right)), problem.rig_rows)
+    return _in_directions(times_covariance(solution, np.stack(right)), problem.rig_rows)
 
 
-def _times_covariance(
-    solution: Solution, right: Float[np.ndarray, "j c n"]
-) -> Float[np.ndarray, "j c n"]:
-    covariance = np.asarray(solution.covariance)
-    if covariance.ndim == 3:
-        spectra = np.einsum("cdk,jdk->jck", covariance, to_spectrum(right))
-        return from_spectrum(spectra, right.shape[-1])
-    return (right.reshape(len(right), -1) @ covariance.T).reshape(right.shape)
+def times_covariance(solution: Solution, right: Float[Numbers, "j c n"]) -> Float[Numbers, "j c n"]:
+    """The solution's covariance times each of these right sides."""
+    xp: Any = array_module(solution, right)
+    covariance = xp.asarray(solution.covariance)
+    if covariance.ndim == 2:
+        return (right.reshape(len(right), -1) @ covariance.T).reshape(right.shape)
+    of_numpy: Any = to_spectrum, from_spectrum
+    forth, back = of_numpy if xp is np else (xp.fft.rfft, xp.fft.irfft)
+    return back(xp.einsum("cdk,jdk->jck", covariance, forth(right)), right.shape[-1])
 
 
 def rig_parts(

@@ -25,7 +25,7 @@ from .gaps import Gaps
 from .near_periodic import PeriodicModel, PriorScore
 from .prior import Prior, Score
 from .problem import LineProblem
-from .search import Search, each_row, on_grids, weights_at
+from .search import WeightSearch, each_row, on_grids, weights_at
 from .solve import choose_path
 from .transforms import each_on_a_core
 
@@ -123,7 +123,7 @@ class Scorer(eqx.Module):
             known = self.scores, jnp.asarray(box)
             frozen = jax.lax.stop_gradient(known)
             value = partial(_value, criterion, self.samples, is_joint)
-            search = Search.of(is_joint, frozen[1], self.scores.together, self.scores.scanned)
+            search = WeightSearch.of(is_joint, frozen[1], self.scores.together, self.scores.scanned)
             found = search.least(partial(value, frozen))
             return weights_at(is_joint, known[1], search.with_slopes(value, known, found))
         with self._in_double():
@@ -213,7 +213,7 @@ def _values(criterion: Criterion, samples: int, scores: Scores, log_weights, cou
 @partial(jax.jit, static_argnames=("criterion", "samples", "is_joint"))
 def _least(criterion: Criterion, samples: int, is_joint: bool, scores: Scores, box):
     value = partial(_value, criterion, samples, is_joint, (scores, box))
-    search = Search.of(is_joint, box, scores.together, scores.scanned)
+    search = WeightSearch.of(is_joint, box, scores.together, scores.scanned)
     return weights_at(is_joint, box, search.least(value))
 
 

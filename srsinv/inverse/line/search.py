@@ -109,7 +109,7 @@ def each_row(value: Callable, rows: Float[Array, "row c"], count: Any, together:
     return jax.tree.map(lambda each: each[: len(rows)], values)
 
 
-class Search(eqx.Module):
+class WeightSearch(eqx.Module):
     """A search from `low` (c,) to `high` (c,), of which `together` points are computed at once.
 
     `scanned`: weights of the first scan, where a criterion costs little; None: see `_plan`.
@@ -124,7 +124,7 @@ class Search(eqx.Module):
     @classmethod
     def of(
         cls, is_joint: bool, box: Float[Array, "2 c"], together: int, scanned: int | None = None
-    ) -> "Search":
+    ) -> "WeightSearch":
         """The search of all weights in the box, or along its diagonal."""
         return cls(*_ends(is_joint, box), is_joint, together, scanned)
 

@@ -28,7 +28,7 @@ MOST_PENALTY = 4.0  # factor of one change
 Traction = Float[Array, "draw c n"]
 
 
-class Posterior(eqx.Module):
+class GaussianPosterior(eqx.Module):
     """A Gaussian posterior on a line: its precision H, and systems with H + rho."""
 
     line: eqx.AbstractVar[Line]
@@ -56,7 +56,7 @@ class Posterior(eqx.Module):
         """Draws of covariance H^-1 about zero."""
 
 
-class PerWave(Posterior):
+class PerWave(GaussianPosterior):
     """A posterior whose wavenumbers are independent, of 2x2 blocks or numbers.
 
     `precision`, `covariance` (c, c, k), the latter zero where `is_solved` (c, k) is false.
@@ -95,7 +95,7 @@ class PerWave(Posterior):
         return jnp.fft.irfft(jnp.stack(rows, axis=1), self.line.n)
 
 
-class Dense(Posterior):
+class Dense(GaussianPosterior):
     """A posterior of dense matrices, for any line.
 
     `precision`, `covariance` (m, m) of all components' cells in a row; `root` (m, j), of which
@@ -188,7 +188,7 @@ class Penalised(NamedTuple):
     edge_rho: Float[Array, " c"]
 
 
-class Minimum(NamedTuple):
+class SplitMinimum(NamedTuple):
     """The minima (draw, c, n), the bound on each one's distance in standard errors (draw,), and the
     number of steps."""
 
@@ -216,13 +216,13 @@ class _State(NamedTuple):
 
 @eqx.filter_jit
 def minimise(
-    posterior: Posterior,
+    posterior: GaussianPosterior,
     centre: Traction,
     constraint: Constraint,
     penalised: Penalised,
     tolerance: Any,
     most_steps: Any,
-) -> Minimum:
+) -> SplitMinimum:
     """The minima about each `centre` m (draw, c, n), all within `tolerance` standard errors unless
     `most_steps` are done."""
     line, order = posterior.line, constraint.laplace_order
@@ -299,7 +299,7 @@ def minimise(
         posterior.damped(penalised.rho, penalised.edge_rho, order), jnp.zeros((), bool),
     )  # fmt: skip
     end = jax.lax.while_loop(going, round_of_steps, first)
-    return Minimum(admissible(end), end.distance, end.rounds * posterior.steps)
+    return SplitMinimum(admissible(end), end.distance, end.rounds * posterior.steps)
 
 
 def _balanced(before: _State, after: _State, differences: Any) -> _State:

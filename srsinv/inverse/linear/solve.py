@@ -63,7 +63,7 @@ class Regularisation(NamedTuple):
     stats: Mapping[str, Any]
 
 
-class White(NamedTuple):
+class WhitenedProblem(NamedTuple):
     """The operator (s, m) and the data (s,) over the valid samples in units of the noise, the data
     less those of the prior's mean."""
 
@@ -71,7 +71,7 @@ class White(NamedTuple):
     data: Float[Numbers, " s"]
 
 
-class Solved(NamedTuple):
+class LinearSolution(NamedTuple):
     """A solution: the flat `value` (m,), a root `spread` (m, k) of its covariance, what it makes of
     whitened data, `gain` (m, s), the `condition` number and the degrees of freedom `resolved`."""
 
@@ -108,7 +108,7 @@ def solve(problem: LinearProblem, how: Regularisation) -> LinearEstimate:
         "that is the same everywhere: give path=auto.",
     )
     model = problem.whiten(matrix)
-    white = White(model, problem.whiten(problem.data.reshape(-1)) - model @ factors.mean)
+    white = WhitenedProblem(model, problem.whiten(problem.data.reshape(-1)) - model @ factors.mean)
     if not is_known:
         return _traced(problem, how, factors, white)
     refuse(not np.any(model), "operator is zero: give one that maps unknowns to data.")
@@ -169,18 +169,18 @@ def _weight(
     return (weight if is_traced(weight) else float(weight)), made.status
 
 
-def _of_modes(own: Modes, weight: Any, factors: PriorFactors, condition: float) -> Solved:
+def _of_modes(own: Modes, weight: Any, factors: PriorFactors, condition: float) -> LinearSolution:
     _, total = own.power(float(weight))
     response = own.model / total
     spread = own.basis / np.sqrt(total)
     value = factors.mean + own.basis @ (response * own.data)
     count = own.left.shape[1]
     gain = (own.basis[:, :count] * response[:count]) @ own.left.T
-    return Solved(value, spread, gain, condition, float(np.sum(own.model * response)))
+    return LinearSolution(value, spread, gain, condition, float(np.sum(own.model * response)))
 
 
 def _traced(
-    problem: LinearProblem, how: Regularisation, factors: PriorFactors, white: White
+    problem: LinearProblem, how: Regularisation, factors: PriorFactors, white: WhitenedProblem
 ) -> LinearEstimate:
     """The estimate of a problem that jax traces, by Cholesky factors, which have derivatives; NaN
     where the system is too ill-conditioned for its precision."""
@@ -192,9 +192,8 @@ def _traced(
     basis = jnp.asarray(factors.apply_spread(jnp.eye(k)))
     information = spread_out.T @ spread_out
     if how.weight is None:
-        columns, changes = jnp.zeros((1, 0, len(data))), jnp.zeros((len(data), 0))
         of = direct.Scored(
-            direct.Whitened(spread_out, data, columns, changes), information, penalty,
+            direct.Whitened(spread_out, data[None]), information, penalty,
             jnp.array([float(factors.rank)]), jnp.zeros(()), jnp.zeros(1, bool), basis,
         )  # fmt: skip
         known = spread_out, None if root is None else jnp.asarray(root), data
@@ -213,9 +212,9 @@ def _traced(
     trusted = jnp.where(condition < TRUSTED[data.dtype.name], 1.0, jnp.nan)
     value = trusted * (factors.mean + gain @ data)
     resolved = jnp.sum(inverse * information)
-    solved = Solved(value, trusted * spread, gain, condition, resolved)
+    solved = LinearSolution(value, trusted * spread, gain, condition, resolved)
     chosen = {"weight": weight, "rule_status": status, "path": "direct"}
-    return _estimate(problem, how, (solved, White(model, data)), chosen, Status.CONVERGED)
+    return _estimate(problem, how, (solved, WhitenedProblem(model, data)), chosen, Status.CONVERGED)
 
 
 def _by_iterations(problem: LinearProblem, how: Regularisation) -> LinearEstimate:
@@ -228,7 +227,7 @@ def _by_iterations(problem: LinearProblem, how: Regularisation) -> LinearEstimat
     wraps = isinstance(own, MatrixMap) and not is_traced(own.values) and is_circulant(own.values)
     factors = factors_of(problem, how.order, wraps)
     found = iterative.solve(problem, factors, how.weight, how.tolerance)
-    solved = Solved(found.value, found.spread, None, np.nan, found.resolved)
+    solved = LinearSolution(found.value, found.spread, None, np.nan, found.resolved)
     is_stopped = not is_traced(found) and not found.is_converged
     ended = Status.STEP_LIMIT if is_stopped else Status.CONVERGED
     chosen = {"weight": how.weight, "rule_status": Status.GIVEN, "path": "iterative"}
@@ -241,7 +240,7 @@ def _by_iterations(problem: LinearProblem, how: Regularisation) -> LinearEstimat
 def _estimate(
     problem: LinearProblem,
     how: Regularisation,
-    made: tuple[Solved, White | None],
+    made: tuple[LinearSolution, WhitenedProblem | None],
     chosen: dict[str, Any],
     status: Status,
     warnings: tuple[str, ...] = (),
@@ -293,7 +292,7 @@ def _estimate(
     )
 
 
-def _pulled(solved: Solved, white: White | None) -> Sequence[str]:
+def _pulled(solved: LinearSolution, white: WhitenedProblem | None) -> Sequence[str]:
     """Warning on a prior that pulls the estimate by more than its band allows."""
     if white is None or solved.gain is None:
         return ()
