@@ -46,6 +46,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .grid import Line as Line
     from .grid import Open as Open
     from .grid import Periodic as Periodic
+    from .inverse.conformal import Conformal as Conformal
     from .inverse.estimate import Estimate as Estimate
     from .inverse.estimate import relative_error as relative_error
     from .inverse.features.estimate import FeatureEstimate as FeatureEstimate
@@ -77,6 +78,7 @@ __version__ = "0.1.0"
 _MODULES = {
     "Admissible": "inverse.line.constraint",
     "BadInput": "errors",
+    "Conformal": "inverse.conformal",
     "ConstantSpeed": "forward.scan",
     "Edges": "inverse.line.constraint",
     "Estimate": "inverse.estimate",

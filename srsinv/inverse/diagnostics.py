@@ -423,6 +423,15 @@ def undetermined_weights(status: Status) -> Sequence[str]:
             "determine it. Set the weight.",)  # fmt: skip
 
 
+def not_for_bands(rule: str) -> Sequence[str]:
+    """Warning on the bands of weights that this rule has chosen, whose 90 % bands held 36 to 80 %
+    of truths from the prior (`experiment=calibration_of_bands`)."""
+    return (
+        f"The rule ({rule}) does not choose weights for their bands, which are often too narrow. "
+        "For bands, choose the weights by rule=evidence.",
+    )
+
+
 def below_rounding(noise_rms: float, largest: float, dtype: np.dtype) -> Sequence[str]:
     """Warning on noise below the rounding of the data."""
     if noise_rms >= np.finfo(dtype).eps * largest:

@@ -13,7 +13,7 @@ from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
 from ..known import array_module, as_number, namespace
 from ..status import Status
-from .diagnostics import undetermined_weights
+from .diagnostics import not_for_bands, undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
 from .line.constrained import constrained
 from .line.constraint import Constraint, checked_constraint, refuse_constraint
@@ -154,6 +154,7 @@ class Tikhonov(Method):
         known = _known(given)
         if known is not None:
             return self._solved(problem, known, "given", Status.GIVEN)
+        of_rule = () if self.rule.is_for_bands else not_for_bands(self.rule.name)
         choice = self._choose(problem, given)
         is_free = np.array([weight is None for weight in given])
         return conditioned(
@@ -162,6 +163,7 @@ class Tikhonov(Method):
                 10.0 ** (choice.log_weights + decades * is_free),
                 self.rule.name,
                 choice.status,
+                of_rule,
             )
         )
 
@@ -180,13 +182,18 @@ class Tikhonov(Method):
         return solve_linear(problem, Regularisation(weight, self.rule, self.order, *how))
 
     def _solved(
-        self, problem: LineProblem, weights: Float[Numbers, " c"], rule: str, status: Status
+        self,
+        problem: LineProblem,
+        weights: Float[Numbers, " c"],
+        rule: str,
+        status: Status,
+        of_rule: Sequence[str] = (),
     ) -> TractionEstimate:
-        """The estimate of these weights."""
+        """The estimate of these weights; `of_rule`: warnings on who chose them."""
         prior = DerivativePenalty(weights, self.length_m, self.order)
         stats = {"method": "tikhonov", "order": self.order, "rule": rule, "rule_status": status}
         stats |= {f"weight_{c}_per_Pa2": as_number(w) for c, w in zip("pq", weights, strict=False)}
-        how, warnings = (self.path, self.tolerance), undetermined_weights(status)
+        how, warnings = (self.path, self.tolerance), (*of_rule, *undetermined_weights(status))
         estimate = solve(problem, prior, *how, stats=stats, warnings=warnings)
         return constrained(problem, prior, estimate, self.constraint)
 

@@ -345,12 +345,21 @@ class KnownShape(KnownFeature):
         moved = np.asarray(jax.random.uniform(place, (draws,), minval=-MOVED_M, maxval=MOVED_M))
         read, start = [], None
         for off, noise in zip(moved, self.on.noise(key, self.power, draws), strict=True):
-            shifted = {**self.truth, PLACE: self.truth[PLACE] + float(off)}
-            fitted = self.fitter(
-                {self.name: self.feature}, self.signal(shifted) + noise, start=start
-            )
+            truth = {**self.truth, PLACE: self.truth[PLACE] + float(off)}
+            fitted = self.fit(truth, noise, start)
             own = dict(fitted.parameters)
             start = start or {part: own[part][0] for part in self.feature.axes if part != PLACE}
             own[PLACE] = own[PLACE][0] - float(off), own[PLACE][1]
-            read.append(FittedDraw(own, fitted.status == "converged"))
+            read.append(fitted._replace(parameters=own))
         return read
+
+    def fit(
+        self,
+        truth: Mapping[str, float],
+        noise: Float[np.ndarray, "e sample"],
+        start: Mapping[str, float] | None = None,
+    ) -> FittedDraw:
+        """The fit of a feature of any parameters, in one draw of the noise."""
+        y = self.signal(truth) + noise
+        fitted = self.fitter({self.name: self.feature}, y, start=start)
+        return FittedDraw(fitted.parameters, fitted.status == "converged")

@@ -37,10 +37,13 @@ class Choice(eqx.Module):
 class Rule(eqx.Module):
     """Base of rules: a choice of a method's regularisation weights.
 
-    `choose` and the rule's `name` are to be defined.
+    `choose` and the rule's `name` are to be defined. `is_for_bands`: whether bands with its weights
+    hold what they state, as `experiment=calibration_of_bands` tests it; estimates by another rule
+    have a warning.
     """
 
     name: ClassVar[str]
+    is_for_bands: ClassVar[bool] = True
 
     @abc.abstractmethod
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:
@@ -118,6 +121,7 @@ class CorrectedAkaikeCriterion(CriterionRule):
     everything."""
 
     name: ClassVar[str] = "corrected Akaike criterion"
+    is_for_bands: ClassVar[bool] = False
 
     @staticmethod
     def criterion(score: Any, samples: int) -> Any:
@@ -131,6 +135,7 @@ class DiscrepancyPrinciple(CriterionRule):
     as known, and smooths more than others."""
 
     name: ClassVar[str] = "discrepancy principle"
+    is_for_bands: ClassVar[bool] = False
     is_joint: ClassVar[bool] = True
 
     @staticmethod
@@ -143,6 +148,7 @@ class LCurve(CriterionRule):
     Hansen and O'Leary (1993), equation 18, in the terms of a score. It needs no noise level."""
 
     name: ClassVar[str] = "L-curve"
+    is_for_bands: ClassVar[bool] = False
     is_joint: ClassVar[bool] = True
 
     @staticmethod
@@ -161,6 +167,7 @@ class NormalisedCumulativePeriodogram(CriterionRule):
     white noise is left (Rust 2000; Hansen, Kilmer and Kjeldsen 2006). It needs no noise level."""
 
     name: ClassVar[str] = "normalised cumulative periodogram"
+    is_for_bands: ClassVar[bool] = False
     is_joint: ClassVar[bool] = True
 
     @staticmethod
@@ -176,6 +183,7 @@ class QuasiOptimality(CriterionRule):
     needs no noise level."""
 
     name: ClassVar[str] = "quasi-optimality"
+    is_for_bands: ClassVar[bool] = False
     is_joint: ClassVar[bool] = True
 
     @staticmethod

@@ -1,0 +1,294 @@
+"""Inversions whose bands are calibrated: of whole scans, of open ones with gaps, of recorded
+samples, live, and of any linear problem."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+import srsinv
+from srsinv.forward.noise import Noise, exponential_spectrum, total_spectrum
+from srsinv.forward.scan import ConstantSpeed, Motion
+from srsinv.forward.sensor import Sensor
+from srsinv.grid import Line, Open, Operator, as_real
+from srsinv.inverse.constrained_estimate import ConstrainedEstimate
+from srsinv.inverse.estimate import COMPONENTS, Estimate, TractionEstimate
+from srsinv.inverse.line.prior import Prior
+from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.method import Method
+from srsinv.inverse.noise.model import SampleNoise
+from srsinv.inverse.problem import Problem
+from srsinv.inverse.wiener import Exponential, SpectralPrior
+
+from .ranks import RankedMethod, Ranks, drawn, normal_rank
+
+ZERO = 1e-12  # of a precision's largest eigenvalue: below, the prior says nothing
+MISSING = 0.05  # of an open scan's samples
+Traction = Float[np.ndarray, "c n"]
+
+
+@dataclass(frozen=True)
+class DrawnTraction:
+    """Traction (c, n) [Pa] from a Gaussian prior: `roots` (c, n, n) times white numbers. What the
+    prior does not bound is zero."""
+
+    roots: Float[np.ndarray, "c n n"]
+
+    @classmethod
+    def of(cls, prior: Prior, line: Line) -> "DrawnTraction":
+        """The draws of a prior on a line."""
+        units = np.eye(line.n)
+        each = [prior.apply(line, as_real(np.stack([unit, unit]))) for unit in units]
+        precision, axes = np.linalg.eigh(np.stack(each, axis=1))
+        is_bounded = precision > ZERO * precision[:, -1:]
+        return cls(
+            axes * np.where(is_bounded, np.where(is_bounded, precision, 1.0) ** -0.5, 0.0)[:, None]
+        )
+
+    @classmethod
+    def by(cls, spectrum: Exponential, line: Line) -> "DrawnTraction":
+        """Draws of p and q that are independent, with the same spectrum."""
+        own = exponential_spectrum(line.k, line.cell_m, spectrum.correlation_m)
+        power = np.asarray(spectrum.rms_Pa**2 * own)
+        return cls.of(SpectralPrior(np.stack([power] * len(COMPONENTS))), line)
+
+    def __call__(self, rng: np.random.Generator) -> Traction:
+        return np.einsum("cij,cj->ci", self.roots, rng.standard_normal(self.roots.shape[:2]))
+
+
+@dataclass(frozen=True)
+class DrawnScan:
+    """A scan along a line with one sample a cell and noise of this `power` (k,).
+
+    On an open line some samples are missing.
+    """
+
+    line: Line
+    sensor: Sensor
+    scan: ConstantSpeed
+    power: Float[np.ndarray, " k"]
+    first: Traction
+
+    @classmethod
+    def of(
+        cls,
+        line: Line,
+        sensor: Sensor,
+        scan: ConstantSpeed,
+        noises: tuple[Noise, ...],
+        spectrum: Exponential,
+    ) -> "DrawnScan":
+        """A scan whose noise is that of the `first` draw, by this spectrum of p and of q."""
+        first = DrawnTraction.by(spectrum, line)(np.random.default_rng(0))
+        signal = sensor.operator(line, scan)(as_real(first))
+        rms = np.sqrt(np.mean(np.asarray(signal) ** 2))
+        power = np.asarray(total_spectrum(noises, line, scan, rms))
+        return cls(line, sensor, scan, power, first)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nothing repeats."""
+        return isinstance(self.line, Open)
+
+    def problem(self, traction: Traction, rng: np.random.Generator) -> LineProblem:
+        """The problem of a traction, with a draw of the noise."""
+        signal = np.asarray(self.sensor.operator(self.line, self.scan)(as_real(traction)))
+        white = np.fft.rfft(rng.standard_normal(signal.shape))
+        data = signal + np.fft.irfft(white * np.sqrt(self.power), self.line.n)
+        known: dict[str, Any] = {"known_mean_Pa": (0.0, None)}
+        if self.is_open:
+            observed = rng.random(signal.shape) >= MISSING
+            data, known = np.where(observed, data, 0.0), {"observed": observed}
+        of = self.line, self.sensor, self.scan, data, self.power
+        return LineProblem.of_sensor(*of, **known)
+
+
+def ranks_in_a_cell(
+    truth: Traction, estimate: Estimate, rng: np.random.Generator
+) -> dict[str, float]:
+    """The ranks of p and q in a cell drawn at random, of deviations from a mean where the estimate
+    is one."""
+    value, stderr = np.asarray(estimate.value), np.asarray(estimate.stderr)
+    off = truth - value
+    if isinstance(estimate, TractionEstimate) and estimate.mean_weights is not None:
+        weights = np.asarray(estimate.mean_weights)
+        off = off - np.sum(weights * off, axis=-1, keepdims=True)
+    cell = int(rng.integers(value.shape[1]))
+    if isinstance(estimate, ConstrainedEstimate):
+        rank = np.mean(np.asarray(estimate.draws)[:, :, cell] < truth[:, cell], axis=0)
+        return dict(zip(COMPONENTS, map(float, rank), strict=True))
+    rank = normal_rank(off[:, cell], 0.0, stderr[:, cell])
+    return dict(zip(COMPONENTS, map(float, rank), strict=True))
+
+
+@dataclass(frozen=True)
+class RankedInversion(RankedMethod):
+    """A method on scans of traction from its own prior, whose weights a rule chooses on the first
+    scan, and again on every other.
+
+    `too_narrow`: a factor on its standard errors, to see whether it is found.
+    """
+
+    label: str
+    method: Method
+    on: DrawnScan
+    too_narrow: float = 1.0
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        first = self.on.problem(self.on.first, np.random.default_rng(1))
+        traction = DrawnTraction.of(self.method.prior_fixed_on(first)(first), self.on.line)
+
+        def one() -> dict[str, float]:
+            truth = traction(rng)
+            if not self.on.is_open:  # of which the mean is known, or not in the signal
+                truth = truth - truth.mean(axis=-1, keepdims=True)
+            estimate: Any = self.method(self.on.problem(truth, rng))
+            stderr = self.too_narrow * np.asarray(estimate.stderr)
+            return ranks_in_a_cell(truth, dataclasses.replace(estimate, stderr=stderr), rng)
+
+        return drawn(one, draws)
+
+
+LENGTH_M, RATE_HZ = 0.02, 4e3  # of scans that are sampled in time
+CELLS_PER_DEPTH = 8
+BEYOND_DEPTHS = 12  # of traction on both sides of a scan
+RELATIVE_NOISE = 0.01  # of the signal's rms
+
+
+@dataclass(frozen=True)
+class TimedScan:
+    """A scan at constant speed, sampled evenly in time; p and q have one spectrum."""
+
+    sensor: Sensor
+    speed_m_per_s: float
+    spectrum: Exponential
+
+    @property
+    def cell_m(self) -> float:
+        """The width of the traction's cells."""
+        return float(self.sensor.depth_m) / CELLS_PER_DEPTH
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion at every sample."""
+        count = int(LENGTH_M / self.speed_m_per_s * RATE_HZ)
+        return Motion.from_speed(np.arange(count) / RATE_HZ, self.speed_m_per_s, 0.0)
+
+    @property
+    def prior(self) -> srsinv.Wiener:
+        """The filter of the spectrum."""
+        return srsinv.Wiener(self.spectrum, self.spectrum)
+
+    def recorder(self, line: Line) -> "DrawnRecording":
+        """The draws on a line."""
+        operator = self.sensor.operator_along(line, self.motion, directions=(True,))
+        traction = DrawnTraction.by(self.spectrum, line)
+        signal = np.asarray(operator(as_real(traction(np.random.default_rng(0)))))
+        return DrawnRecording(
+            traction, operator, RELATIVE_NOISE * float(np.sqrt(np.mean(signal**2)))
+        )
+
+
+@dataclass(frozen=True)
+class DrawnRecording:
+    """Traction on a line and the samples that are recorded of it, with white noise of this rms."""
+
+    traction: DrawnTraction
+    operator: Operator
+    noise_rms: float
+
+    def __call__(self, rng: np.random.Generator) -> tuple[Traction, Float[np.ndarray, "e sample"]]:
+        """A draw of the traction [Pa], and of its signal."""
+        truth = self.traction(rng)
+        clean = np.asarray(self.operator(as_real(truth)))
+        return truth, clean + self.noise_rms * rng.standard_normal(clean.shape)
+
+
+@dataclass(frozen=True)
+class RankedSamples(RankedMethod):
+    """Wiener's filter of samples whose noise level is an estimate, as a recording's is."""
+
+    on: TimedScan
+    label: str = "Wiener, noise estimated"
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        on = self.on
+        own = {"cell_m": on.cell_m}
+        nothing = np.zeros((len(on.sensor.elements), on.motion.time_s.size))
+        record = on.recorder(Problem(on.sensor, on.motion, nothing, 1.0, **own).to_grid().line)
+        noise = SampleNoise(record.noise_rms, is_estimate=True)
+
+        def one() -> dict[str, float]:
+            truth, signal = record(rng)
+            estimate = on.prior(Problem(on.sensor, on.motion, signal, noise, **own))
+            return ranks_in_a_cell(truth, estimate, rng)
+
+        return drawn(one, draws)
+
+
+@dataclass(frozen=True)
+class RankedLive(RankedMethod):
+    """Live inversion with a lag of two depths and an adaptive noise level."""
+
+    on: TimedScan
+    label: str = "Live, lag of two depths"
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        on, depth = self.on, float(self.on.sensor.depth_m)
+        state = srsinv.Live(on.sensor, on.prior, lag_m=2 * depth, cell_m=on.cell_m).state()
+        beyond = BEYOND_DEPTHS * CELLS_PER_DEPTH
+        cells = 2 * beyond + int(np.ceil(LENGTH_M / on.cell_m))
+        line = Open(cells, on.cell_m, (0.5 - beyond) * on.cell_m)  # live cells start at x = 0
+        record = on.recorder(line)
+
+        def one() -> dict[str, float]:
+            (truth, signal), live = record(rng), srsinv.Live.from_state(state)
+            pushed = live.push(on.motion.time_s, on.motion.position_m, signal)
+            found = srsinv.LiveCells.joined([pushed, live.finish()])
+            settled = ~found.is_settling & (found.x_m < LENGTH_M - 2 * depth)
+            cell = int(rng.choice(np.flatnonzero(settled)))
+            own = beyond + int(found.x_m[cell] / on.cell_m)
+            value, stderr = (found.p_Pa, found.q_Pa), (found.p_stderr_Pa, found.q_stderr_Pa)
+            each = zip(COMPONENTS, truth[:, own], value, stderr, strict=True)
+            return {name: float(normal_rank(t, v[cell], s[cell])) for name, t, v, s in each}
+
+        return drawn(one, draws)
+
+
+UNKNOWNS, WIDTH, NOISE, CORRELATION = 64, 3.0, 0.02, 6.0  # of a deconvolution, in unknowns
+
+
+@dataclass(frozen=True)
+class RankedLinear(RankedMethod):
+    """The posterior of a linear problem: a deconvolution with a Gaussian prior."""
+
+    path: str
+
+    @property
+    def label(self) -> str:
+        return f"LinearProblem, {self.path}"
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        i = np.arange(UNKNOWNS)
+        lag = np.abs(i[:, None] - i)
+        lag = np.minimum(lag, UNKNOWNS - lag) if self.path == "spectral" else lag
+        matrix = np.exp(-0.5 * (lag / WIDTH) ** 2) / WIDTH
+        covariance = np.exp(-lag / CORRELATION)
+        root, prior = np.linalg.cholesky(covariance), srsinv.GaussianPrior(covariance=covariance)
+        method = srsinv.Wiener(path=self.path)
+
+        def one() -> dict[str, float]:
+            truth = root @ rng.standard_normal(UNKNOWNS)
+            data = matrix @ truth + NOISE * rng.standard_normal(UNKNOWNS)
+            estimate = method(srsinv.LinearProblem(matrix, data, NOISE, prior=prior))
+            cell = int(rng.integers(UNKNOWNS))
+            value, stderr = (
+                float(np.asarray(each)[cell]) for each in (estimate.value, estimate.stderr)
+            )
+            return {"x": float(normal_rank(truth[cell], value, stderr))}
+
+        return drawn(one, draws)
