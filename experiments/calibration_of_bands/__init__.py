@@ -8,19 +8,21 @@ import xarray
 
 from srsinv import config
 from srsinv.errors import whole
+from srsinv.inverse.estimate import COMPONENTS
 from srsinv.progress import steps
 from srsinv.report.data import dataset, scalars
 from srsinv.report.result import Result
 from srsinv.report.section import sections
+from srsinv.report.text import listed, without_unit
 
 from .figures import held_passes, histograms
 from .methods import BROKEN, ranked_methods
 from .passes import ConformalStudy
-from .ranks import RankTest, count_band
+from .ranks import Ranks, RankTest
 
 LEAST_DRAWS = 20
 REJECTED = 1e-3  # p-value below which ranks are not uniform
-BAND = 0.99  # probability that all bins of uniform ranks keep within the band
+Variables = dict[str, tuple[Any, ...]]
 
 
 def run(cfg: config.Config) -> Result:
@@ -37,71 +39,86 @@ def run(cfg: config.Config) -> Result:
     bins = whole("calibration_of_bands.bins", settings["bins"], "a whole number from 4", least=4)
     with config.precision(cfg):
         methods = ranked_methods(cfg)
-        ranks, draws = {}, {}
+        ranks: dict[str, Mapping[str, Ranks]] = {}
         with steps(f"ranks of {len(methods)} methods", methods) as each:
             for i, method in enumerate(each):
                 rng = np.random.default_rng([config.seed(cfg), i])
-                draws[method.label] = quick if method.is_quick else slow
-                ranks[method.label] = method.ranks(rng, draws[method.label])
+                ranks[method.label] = method.ranks(rng, quick if method.is_quick else slow)
         passes = ConformalStudy.of(cfg, settings["conformal"])()
-    rows = [(m, q, values) for m, of in ranks.items() for q, values in of.items()]
-    tests = [RankTest.of(values, bins) for *_, values in rows]
-    data = _dataset(rows, tests, bins, passes)
+        sensor = config.sensor(cfg)
+    facts = {
+        **settings["prior"],
+        "elements": len(sensor.elements),
+        "depth_m": float(sensor.depth_m),
+        "cells": cfg["grid"]["cells"],
+        "effects_on": listed(cfg["effects"]),
+        "noises": listed(cfg["noise"]),
+    }
+    data = _dataset(ranks, bins, passes).assign_attrs(facts)
     shown = sections(__file__, histograms=histograms, held_passes=held_passes)
     return Result(_title(data), data, shown)
 
 
-def _dataset(rows, tests: list[RankTest], bins: int, passes: Mapping[str, Any]) -> xarray.Dataset:
-    """The tests of all ranks (row), and the conformal study."""
-    draws = [values.size for *_, values in rows]
-    density = np.array([test.counts * bins / n for test, n in zip(tests, draws, strict=True)])
-    bands = np.array([count_band(n, bins, BAND) for n in draws]) * bins / np.array(draws)[:, None]
-    names = [f"{method}_{q}" for method, q, _ in rows]
-    uniform = [test.p_value >= REJECTED for test in tests]
-    broken = [BROKEN in method for method, *_ in rows]
-    off = [m for (m, *_), u, b in zip(rows, uniform, broken, strict=True) if not u and not b]
-    caught = all(not u for u, b in zip(uniform, broken, strict=True) if b)
+def _dataset(
+    ranks: Mapping[str, Mapping[str, Ranks]], bins: int, passes: Variables
+) -> xarray.Dataset:
+    """The tests of all quantities (row) and of all methods, and the conformal study."""
+    rows = [(method, name, values) for method, of in ranks.items() for name, values in of.items()]
+    tests = [RankTest.of(values, bins) for *_, values in rows]
+    quantities = np.array([len(of) for of in ranks.values()])
+    ends = np.cumsum(quantities)[:-1]
+    p_values, coverage = (
+        np.split(np.array(each), ends)
+        for each in ([t.p_value for t in tests], [t.coverage for t in tests])
+    )
+    # Of the least of several p-values, by Bonferroni's inequality.
+    of_method = np.minimum(1.0, quantities * np.array([each.min() for each in p_values]))
+    is_broken = np.array([BROKEN in method for method in ranks])
+    is_uniform = of_method >= REJECTED
+    draws = [next(iter(of.values())).size for of in ranks.values()]
+    own = ~is_broken
+    held = sum(n * float(each.sum()) for n, each, o in zip(draws, coverage, own, strict=True) if o)
+    all_draws = int(np.sum(np.array(draws) * quantities * own))
     return dataset(
         {
-            "density": (("row", "bin"), density, "1"),
-            "density_least": ("row", bands[:, 0], "1"),
-            "density_most": ("row", bands[:, 1], "1"),
-            "chi2": ("row", [test.chi2 for test in tests], "1", "{row}_chi2"),
-            "p_value": ("row", [test.p_value for test in tests], "1", "{row}_p_value"),
-            "coverage": ("row", [test.coverage for test in tests], "1", "{row}_coverage_90"),
-            "draws": ("row", draws, "1"),
-            "is_uniform": ("row", np.array(uniform, np.int8), "1"),
-            "is_broken": ("row", np.array(broken, np.int8), "1"),
-            "verdict": ("row", ["uniform" if each else "not uniform" for each in uniform], "1"),
+            "density": (("row", "bin"), [test.density for test in tests], "1"),
+            "band": (("row", "end"), [test.band for test in tests], "1"),
+            "p_value_of_quantity": ("row", [test.p_value for test in tests], "1"),
+            "coverage_of_quantity": ("row", [test.coverage for test in tests], "1"),
+            "draws": ("method", draws, "1"),
+            "quantities": ("method", [", ".join(map(_words, of)) for of in ranks.values()], "1"),
+            "p_value": ("method", of_method, "1", "p_value_{method}"),
+            "coverage": ("method", [each.mean() for each in coverage], "1", "coverage_{method}"),
+            "is_broken": ("method", is_broken.astype(np.int8), "1"),
+            "verdict": ("method", np.where(is_uniform, "uniform", "not uniform"), "1"),
             **passes,
             **scalars({
-                "methods_not_calibrated": len(set(off)),
-                "names_not_calibrated": ", ".join(dict.fromkeys(off)),
-                "broken_is_caught": int(any(broken) and caught),
+                "methods": int(own.sum()),
+                "methods_calibrated": int(np.sum(own & is_uniform)),
+                "coverage_of_all": held / max(all_draws, 1),
+                "truths": all_draws,
+                "broken_is_found": int(bool(np.all(~is_uniform[is_broken]) and is_broken.any())),
             }),
         },
         {
-            "row": (names, "1"),
-            "method": ("row", [method for method, *_ in rows], "1"),
-            "quantity": ("row", [q for _, q, _ in rows], "1"),
+            "method": (list(ranks), "1"),
+            "row": ([f"{method}: {_words(name)}" for method, name, _ in rows], "1"),
+            "of_method": ("row", [method for method, *_ in rows], "1"),
+            "words": ("row", [_words(name) for _, name, _ in rows], "1"),
             "bin": ((np.arange(bins) + 0.5) / bins, "1"),
-            "component": (["p", "q"], "1"),
+            "component": (list(COMPONENTS), "1"),
+            "end": (["least", "most"], "1"),
         },
-        level=BAND,
         rejected=REJECTED,
     )  # fmt: skip
 
 
+def _words(quantity: str) -> str:
+    """A quantity's name without its unit."""
+    return without_unit(quantity).replace("_", " ")
+
+
 def _title(data: xarray.Dataset) -> str:
-    own = data.isel(row=data["is_broken"].values == 0)
-    count = len(set(own["method"].values.tolist()))
-    good = own.isel(row=own["is_uniform"].values == 1)
-    off = data["names_not_calibrated"].item()
-    left = f"; not those of {off}" if off else ""
-    if not good.sizes["row"]:
-        return f"The bands of none of {count} methods are calibrated"
-    low, high = (100 * float(each) for each in (good["coverage"].min(), good["coverage"].max()))
-    return (
-        f"{count - int(data['methods_not_calibrated'])} of {count} methods are calibrated: their "
-        f"90 % bands hold {low:.0f} to {high:.0f} % of the truths{left}"
-    )
+    count, good = int(data["methods"]), int(data["methods_calibrated"])
+    held = f"{100 * float(data['coverage_of_all']):.1f} % of {int(data['truths']):,} truths"
+    return f"The bands of {good} of {count} methods are calibrated: 90 % bands hold {held}"

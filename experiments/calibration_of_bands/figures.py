@@ -1,5 +1,7 @@
 """Histograms of ranks, and the coverage of passes by two kinds of bands."""
 
+import textwrap
+
 import numpy as np
 import xarray
 from matplotlib.figure import Figure
@@ -7,7 +9,8 @@ from matplotlib.figure import Figure
 from srsinv import plot
 from srsinv.report.plot.style import names_of
 
-COLUMNS = 3
+COLUMNS, WIDTH_OF_TITLE = 3, 30
+MOST = 3.0  # density drawn: bands half as wide as they should be have 4 at the ends
 LINE = {"color": "#000000", "linestyle": ":", "linewidth": 0.8}
 SHADE = {"color": "#999999", "alpha": 0.25}
 ACROSS = plot.PanelAxis("rank of the truth")
@@ -15,24 +18,20 @@ ACROSS = plot.PanelAxis("rank of the truth")
 
 def histograms(ds: xarray.Dataset) -> Figure:
     """The density of the ranks of each method; the shade is the band of uniform ranks."""
-    top = float(np.nanmax(ds["density"])) * 1.05
-    up = plot.PanelAxis("density of ranks", limits=(0.0, min(max(top, 2.0), 5.0)))
-    edges = np.linspace(0.0, 1.0, ds.sizes["bin"] + 1)
-    parts = []
-    for method in dict.fromkeys(ds["method"].values.tolist()):
-        own = ds.isel(row=ds["method"].values == method)
-        curves = [
-            plot.Curve(
-                np.append(row, row[-1]), f"quantity {i + 1}", look={"drawstyle": "steps-post"}
-            )
-            for i, row in enumerate(own["density"].values)
-        ]
-        least, most = float(own["density_least"][0]), float(own["density_most"][0])
+    up = plot.PanelAxis("density of ranks", limits=(0.0, MOST))
+    edges, parts = np.linspace(0.0, 1.0, ds.sizes["bin"] + 1), []
+    for method in names_of(ds["method"]):
+        own = ds.isel(row=ds["of_method"].values == method)
+        density = np.append(own["density"].values, own["density"].values[:, -1:], axis=1)
+        look = {"drawstyle": "steps-post"}
+        curves = [plot.Curve(row, f"quantity {i}", look=look) for i, row in enumerate(density, 1)]
+        least, most = own["band"].values[0]
         marks = (
-            plot.Mark(least, "band of uniform ranks", "y", most, look=SHADE),
+            plot.Mark(least, "uniform ranks", "y", most, look=SHADE),
             plot.Mark(1.0, "", "y", look=LINE),
         )
-        parts.append(plot.Panel(curves, ACROSS, up, edges, method, marks))
+        title = "\n".join(textwrap.wrap(method, WIDTH_OF_TITLE))
+        parts.append(plot.Panel(curves, ACROSS, up, edges, title, marks))
     rows = [parts[i : i + COLUMNS] for i in range(0, len(parts), COLUMNS)]
     return plot.panels(rows, height_in=1.7)
 

@@ -83,7 +83,7 @@ class RankedSurface(RankedMethod):
     label: str
     known: KnownShape
     ranges: Ranges
-    is_quick = False
+    is_quick: bool = False
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         known = self.known
@@ -111,7 +111,7 @@ class RankedRig(RankedMethod):
     sensor: Sensor
     speed_m_per_s: float
     label: str = "Calibration of a rig"
-    is_quick = False
+    is_quick: bool = False
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         start, rate = -RIG_LENGTH_M / 2, self.speed_m_per_s * RIG_SAMPLES / RIG_LENGTH_M
@@ -190,15 +190,9 @@ FLAT = {"a": (-20.0, 20.0), "k": (0.1, 20.0), "c": (-20.0, 20.0)}  # priors, far
 class RankedFit(RankedMethod):
     """`srsinv.fit` of a decay, and `srsinv.sample` of the same fits where `is_sampled`."""
 
+    label: str
     is_sampled: bool
-
-    @property
-    def label(self) -> str:
-        return "srsinv.sample (NUTS)" if self.is_sampled else "srsinv.fit"
-
-    @property
-    def is_quick(self) -> bool:
-        return not self.is_sampled
+    is_quick: bool
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         model = Decay(jnp.linspace(0.0, 1.0, DECAY_SAMPLES))

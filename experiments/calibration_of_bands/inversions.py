@@ -136,6 +136,7 @@ class RankedInversion(RankedMethod):
     label: str
     method: Method
     on: DrawnScan
+    is_quick: bool = True
     too_narrow: float = 1.0
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
@@ -217,14 +218,15 @@ class RankedSamples(RankedMethod):
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         on = self.on
-        own = {"cell_m": on.cell_m}
         nothing = np.zeros((len(on.sensor.elements), on.motion.time_s.size))
-        record = on.recorder(Problem(on.sensor, on.motion, nothing, 1.0, **own).to_grid().line)
+        record = on.recorder(
+            Problem(on.sensor, on.motion, nothing, 1.0, cell_m=on.cell_m).to_grid().line
+        )
         noise = SampleNoise(record.noise_rms, is_estimate=True)
 
         def one() -> dict[str, float]:
             truth, signal = record(rng)
-            estimate = on.prior(Problem(on.sensor, on.motion, signal, noise, **own))
+            estimate = on.prior(Problem(on.sensor, on.motion, signal, noise, cell_m=on.cell_m))
             return ranks_in_a_cell(truth, estimate, rng)
 
         return drawn(one, draws)
@@ -266,11 +268,8 @@ UNKNOWNS, WIDTH, NOISE, CORRELATION = 64, 3.0, 0.02, 6.0  # of a deconvolution, 
 class RankedLinear(RankedMethod):
     """The posterior of a linear problem: a deconvolution with a Gaussian prior."""
 
+    label: str
     path: str
-
-    @property
-    def label(self) -> str:
-        return f"LinearProblem, {self.path}"
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         i = np.arange(UNKNOWNS)

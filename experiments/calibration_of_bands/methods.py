@@ -59,29 +59,32 @@ def _methods(cfg: config.Config) -> Iterator[RankedMethod]:
     scan.require_onwards()
     prior, line = settings["prior"], config.line(cfg)
     spectrum = Exponential(prior["rms_Pa"], prior["correlation_m"])
-    whole_line = Periodic(line.n, line.cell_m, line.start_m)
+    start = float(line.start_m)
+    whole_line = Periodic(line.n, float(line.cell_m), start)
     # Of an open scan the direct path solves at most some hundred cells in no time.
-    open_line = Open(line.n // 2, 2 * line.cell_m, line.start_m)
+    open_line = Open(line.n // 2, 2 * float(line.cell_m), start)
     of = sensor, scan, noises, spectrum
     on_whole, on_open = DrawnScan.of(whole_line, *of), DrawnScan.of(open_line, *of)
     inversions = config.methods(cfg)
     for name, method in inversions.items():
         yield RankedInversion(name, method, on_whole)
     for name, method in inversions.items():
-        yield RankedInversion(f"{name}, open with gaps", method, on_open)
+        yield RankedInversion(
+            f"{name}, open with gaps", method, on_open, is_quick=not method.chooses_prior
+        )
     name, method = next(iter(inversions.items()))
     factor = number("calibration_of_bands.broken", settings["broken"], "a positive factor", above=0)
-    yield RankedInversion(f"{name}, {BROKEN}", method, on_whole, factor)
+    yield RankedInversion(f"{name}, {BROKEN}", method, on_whole, too_narrow=factor)
     timed = TimedScan(sensor, float(scan.speed_m_per_s), spectrum)
     yield RankedSamples(timed)
     yield RankedLive(timed)
-    yield RankedLinear("direct")
-    yield RankedLinear("spectral")
+    yield RankedLinear("LinearProblem, direct", "direct")
+    yield RankedLinear("LinearProblem, spectral", "spectral")
     yield from _features(cfg, settings, sensor, scan)
     yield RankedRig(sensor, float(scan.speed_m_per_s))
     yield RankedPitch()
-    yield RankedFit(is_sampled=False)
-    yield RankedFit(is_sampled=True)
+    yield RankedFit("srsinv.fit", is_sampled=False, is_quick=True)
+    yield RankedFit("srsinv.sample (NUTS)", is_sampled=True, is_quick=False)
 
 
 def _features(

@@ -36,6 +36,7 @@ class ConformalStudy:
     method: srsinv.Wiener
     passes: int
     repeats: int
+    depth_error: float
     seed: int
 
     @classmethod
@@ -57,19 +58,18 @@ class ConformalStudy:
         stated = config.sensor(cfg)
         depth = float(stated.depth_m)
         true = Setup(stated).changed("depth_m", depth, error * depth).sensor
-        line = Periodic(line.n, line.cell_m, line.start_m)
+        line = Periodic(line.n, float(line.cell_m), float(line.start_m))
         on = DrawnScan.of(line, true, config.scan(cfg), config.noises(cfg), spectrum)
         traction, method = DrawnTraction.by(spectrum, line), srsinv.Wiener(spectrum, spectrum)
-        return cls(stated, on, traction, method, passes, repeats, config.seed(cfg))
+        return cls(stated, on, traction, method, passes, repeats, error, config.seed(cfg))
 
     def _pass(self, rng: np.random.Generator) -> tuple[LineProblem, Traction]:
         """A scan of the true sensor as a problem of the stated one, and its traction."""
         truth = self.traction(rng)
         truth = truth - truth.mean(axis=-1, keepdims=True)
         true, on = self.on.problem(truth, rng), self.on
-        known = {"known_mean_Pa": (0.0, None)}
         of = on.line, self.stated, on.scan, true.data, on.power
-        return LineProblem.of_sensor(*of, **known), truth
+        return LineProblem.of_sensor(*of, known_mean_Pa=(0.0, None)), truth
 
     def __call__(self) -> dict[str, tuple[Any, ...]]:
         """Coverage of the further scans by the model's bands and by conformal ones."""
@@ -99,5 +99,9 @@ class ConformalStudy:
                 "1",
                 "conformal_factor_{component}",
             ),
-            **scalars({"conformal_passes": self.passes, "conformal_repeats": self.repeats}),
-        }
+            **scalars({
+                "conformal_passes": self.passes,
+                "conformal_repeats": self.repeats,
+                "conformal_depth_error": self.depth_error,
+            }),
+        }  # fmt: skip

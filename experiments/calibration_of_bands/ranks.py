@@ -18,6 +18,7 @@ from srsinv.numerics import BAND_90
 
 Ranks = Float[np.ndarray, " draw"]
 LEAST_EXPECTED = 5.0  # draws in a bin, for the statistic to have a chi-square's distribution
+IN_BAND = 0.99
 
 
 class RankedMethod(abc.ABC):
@@ -48,37 +49,34 @@ def normal_rank(truth: Any, value: Any, stderr: Any) -> Any:
 class RankTest(NamedTuple):
     """What the ranks of one quantity say.
 
-    - `counts` (bin,): ranks in each of the bins of equal width from 0 to 1.
-    - `chi2`: the sum of (count - expected)^2 / expected; `p_value`: the probability of one as large
-      where ranks are uniform, by as many degrees of freedom as there are bins but one.
+    - `density` (bin,): of the ranks in bins of equal width from 0 to 1; its mean is 1.
+    - `band`: least and greatest density that uniform ranks keep in all bins with probability
+      `IN_BAND`.
+    - `p_value`: of a chi-square as large, where ranks are uniform: the sum over bins of
+      (count - expected)^2 / expected, with as many degrees of freedom as bins but one.
     - `coverage`: of the band of 90 %.
     """
 
-    counts: Float[np.ndarray, " bin"]
-    chi2: float
+    density: Float[np.ndarray, " bin"]
+    band: tuple[float, float]
     p_value: float
     coverage: float
 
     @classmethod
     def of(cls, ranks: Ranks, bins: int) -> "RankTest":
-        """The test in so many bins, or fewer where these would have too few ranks: the counts of
-        neighbours are then added up."""
-        counts = np.histogram(ranks, bins, (0.0, 1.0))[0].astype(float)
-        tested = counts
-        while (
-            tested.size > 2 and tested.size % 2 == 0 and ranks.size / tested.size < LEAST_EXPECTED
-        ):
-            tested = tested.reshape(-1, 2).sum(axis=1)
-        expected = ranks.size / tested.size
-        chi2 = float(np.sum((tested - expected) ** 2) / expected)
+        """The test in so many bins. Where these would have too few ranks, neighbours are joined."""
+        joined = bins
+        while joined % 2 == 0 and joined > 2 and ranks.size / joined < LEAST_EXPECTED:
+            joined //= 2
+        expected = ranks.size / joined
+        counts = np.histogram(ranks, joined, (0.0, 1.0))[0]
+        chi2 = float(np.sum((counts - expected) ** 2) / expected)
+        outside = (1 - IN_BAND) / joined / 2  # of each bin, so that all are inside (Bonferroni)
+        least, most = scipy.stats.binom.ppf([outside, 1 - outside], ranks.size, 1 / joined)
         tail = scipy.special.ndtr(-BAND_90)
-        covered = float(np.mean((ranks > tail) & (ranks < 1 - tail)))
-        return cls(counts, chi2, float(scipy.special.chdtrc(tested.size - 1, chi2)), covered)
-
-
-def count_band(draws: int, bins: int, level: float) -> tuple[float, float]:
-    """Least and greatest count of a bin, which uniform ranks keep in all bins with probability
-    `level` at least (Bonferroni)."""
-    outside = (1 - level) / bins / 2
-    least, most = scipy.stats.binom.ppf([outside, 1 - outside], draws, 1 / bins)
-    return float(least), float(most)
+        return cls(
+            np.repeat(counts / expected, bins // joined),
+            (float(least / expected), float(most / expected)),
+            float(scipy.special.chdtrc(joined - 1, chi2)),
+            float(np.mean((ranks > tail) & (ranks < 1 - tail))),
+        )

@@ -140,7 +140,7 @@ def _score(estimate: Estimate, truth: Any, share: float) -> Float[np.ndarray, "2
     )
     if not estimate.status.is_answer:
         return np.full(len(COMPONENTS), np.inf)
-    cells = np.isfinite(np.asarray(estimate.whitened)).any(axis=0)
+    cells = np.any(np.isfinite(np.asarray(estimate.whitened)), axis=0)
     value, stderr = estimate.deviation(cells)
     wrong = np.abs(deviation(value, cells) - deviation(truth, cells))
     size = np.maximum(np.asarray(stderr)[:, cells], np.finfo(float).tiny)

@@ -13,9 +13,10 @@ from tests.claims import readme
 from tests.claims.study import Study
 
 STUDIES = (
-    "admissible", "clean_draws", "commands", "disturbances", "faults", "lab_cases", "layered_line",
-    "live", "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "regularisation_tools",
-    "rig_bands", "rigs", "robustness", "rules", "screening", "tolerances",
+    "admissible", "calibration_of_bands", "clean_draws", "commands", "disturbances", "faults",
+    "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
+    "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
+    "tolerances",
 )  # fmt: skip
 
 
