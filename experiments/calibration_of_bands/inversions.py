@@ -64,7 +64,7 @@ class DrawnTraction:
 class DrawnScan:
     """A scan along a line with one sample a cell and noise of this `power` (k,).
 
-    On an open line some samples are missing.
+    Of a periodic line the mean of p is known, `level_Pa`. Of an open one some samples are missing.
     """
 
     line: Line
@@ -72,6 +72,7 @@ class DrawnScan:
     scan: ConstantSpeed
     power: Float[np.ndarray, " k"]
     first: Traction
+    level_Pa: float = 0.0
 
     @classmethod
     def of(
@@ -99,7 +100,7 @@ class DrawnScan:
         signal = np.asarray(self.sensor.operator(self.line, self.scan)(as_real(traction)))
         white = np.fft.rfft(rng.standard_normal(signal.shape))
         data = signal + np.fft.irfft(white * np.sqrt(self.power), self.line.n)
-        known: dict[str, Any] = {"known_mean_Pa": (0.0, None)}
+        known: dict[str, Any] = {"known_mean_Pa": (self.level_Pa, None)}
         if self.is_open:
             observed = rng.random(signal.shape) >= MISSING
             data, known = np.where(observed, data, 0.0), {"observed": observed}
@@ -150,6 +151,34 @@ class RankedInversion(RankedMethod):
             estimate: Any = self.method(self.on.problem(truth, rng))
             stderr = self.too_narrow * np.asarray(estimate.stderr)
             return ranks_in_a_cell(truth, dataclasses.replace(estimate, stderr=stderr), rng)
+
+        return drawn(one, draws)
+
+
+LEVEL = 2.0  # of the rms of p: its mean, so that draws of p fall below zero in some cells
+
+
+@dataclass(frozen=True)
+class RankedAdmissible(RankedMethod):
+    """Wiener's filter of traction by the spectrum that is nowhere below zero, with p >= 0."""
+
+    on: DrawnScan
+    spectrum: Exponential
+    label: str = "Wiener, admissible"
+    is_quick: bool = False
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        level = LEVEL * float(self.spectrum.rms_Pa)
+        on = dataclasses.replace(self.on, level_Pa=level)
+        method = srsinv.Wiener(self.spectrum, self.spectrum, constraint=srsinv.Admissible())
+        traction = DrawnTraction.by(self.spectrum, on.line)
+
+        def one() -> dict[str, float]:
+            truth = np.full((2, on.line.n), -np.inf)
+            while truth[0].min() < 0:
+                truth = traction(rng)
+                truth = truth - truth.mean(axis=-1, keepdims=True) + np.array([[level], [0.0]])
+            return ranks_in_a_cell(truth, method(on.problem(truth, rng)), rng)
 
         return drawn(one, draws)
 

@@ -22,6 +22,7 @@ from srsinv.inverse.wiener import Exponential
 from .fits import Ranges, RankedFit, RankedLoad, RankedPitch, RankedRig, RankedSurface
 from .inversions import (
     DrawnScan,
+    RankedAdmissible,
     RankedInversion,
     RankedLinear,
     RankedLive,
@@ -75,6 +76,7 @@ def _methods(cfg: config.Config) -> Iterator[RankedMethod]:
     name, method = next(iter(inversions.items()))
     factor = number("calibration_of_bands.broken", settings["broken"], "a positive factor", above=0)
     yield RankedInversion(f"{name}, {BROKEN}", method, on_whole, too_narrow=factor)
+    yield RankedAdmissible(on_whole, spectrum)
     timed = TimedScan(sensor, float(scan.speed_m_per_s), spectrum)
     yield RankedSamples(timed)
     yield RankedLive(timed)

@@ -13,7 +13,7 @@ from ..errors import choice, number, of_kind, refuse, whole
 from ..grid import Line, as_real
 from ..known import array_module, as_number, namespace
 from ..status import Status
-from .diagnostics import not_for_bands, undetermined_weights
+from .diagnostics import undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
 from .line.constrained import constrained
 from .line.constraint import Constraint, checked_constraint, refuse_constraint
@@ -154,7 +154,6 @@ class Tikhonov(Method):
         known = _known(given)
         if known is not None:
             return self._solved(problem, known, "given", Status.GIVEN)
-        of_rule = () if self.rule.is_for_bands else not_for_bands(self.rule.name)
         choice = self._choose(problem, given)
         is_free = np.array([weight is None for weight in given])
         return conditioned(
@@ -163,7 +162,7 @@ class Tikhonov(Method):
                 10.0 ** (choice.log_weights + decades * is_free),
                 self.rule.name,
                 choice.status,
-                of_rule,
+                self.rule.band_warnings,
             )
         )
 

@@ -27,6 +27,7 @@ SLOW_METHODS = (
     "Wiener evidence, open with gaps",
     "Tikhonov gcv, open with gaps",
     "Tikhonov upre, open with gaps",
+    "Wiener, admissible",
     "Fit of a ridge",
     "Calibration of a rig",
     "srsinv.sample (NUTS)",

@@ -8,6 +8,7 @@ the traction shows these well enough for a rule.
 """
 
 import abc
+from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -19,6 +20,7 @@ from ...errors import of_kind, refuse
 from ...grid import as_real
 from ...known import is_traced
 from ...status import Status
+from ..diagnostics import not_for_bands
 from ..estimate import Numbers
 from ..noise.nuisance import scored
 from . import iterative
@@ -44,6 +46,11 @@ class Rule(eqx.Module):
 
     name: ClassVar[str]
     is_for_bands: ClassVar[bool] = True
+
+    @property
+    def band_warnings(self) -> Sequence[str]:
+        """Warnings on bands with its weights."""
+        return () if self.is_for_bands else not_for_bands(self.name)
 
     @abc.abstractmethod
     def choose(self, scorer: Scorer, box: Float[Array, "2 c"]) -> Choice:

@@ -256,12 +256,11 @@ def _estimate(
     freedom = problem.sample_count - solved.resolved
     is_known = not is_traced(left, solved)
     if is_known:
-        is_doubted = how.weight is None and not how.rule.is_for_bands
         chi2 = float(squares / freedom) if freedom >= 1 else None
         if not np.all(np.isfinite(np.asarray(value))):
             status = Status.NOT_FINITE
         warnings = (
-            *(diagnostics.not_for_bands(how.rule.name) if is_doubted else ()),
+            *(how.rule.band_warnings if how.weight is None else ()),
             *diagnostics.undetermined_weights(chosen["rule_status"]),
             *diagnostics.nothing_resolved(float(solved.resolved), problem.operator.sizes[1]),
             *_pulled(solved, white),

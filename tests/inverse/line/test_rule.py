@@ -8,7 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from srsinv import LinearProblem
 from srsinv.grid import half_spectrum_weights
+from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.line import rule as rules
 from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.line.scorer import LineScorer
@@ -224,6 +226,7 @@ def test_pure_noise_is_said_to_determine_nothing():
     assert np.abs(estimate.value).max() < 0.05 * np.abs(case.truth).max()
 
 
+DATA = np.cumsum(np.random.default_rng(0).normal(size=40)) / 6
 JOINT = ("DiscrepancyPrinciple", "LCurve", "NormalisedCumulativePeriodogram", "QuasiOptimality")
 
 
@@ -264,6 +267,19 @@ def test_every_rule_costs_little_over_the_best_weights(name):
         grid = np.linspace(-9, 0, 37)
         best.append(min(error(Tikhonov(1, 10.0**w, 10.0**w)(case.problem)) for w in grid))
     assert np.median(errors) < 3 * np.median(best)
+
+
+def test_an_estimate_by_a_rule_that_does_not_choose_for_bands_says_so():
+    """As the discrepancy principle, on the line and of any linear problem; given weights do not."""
+    problem, plain = make_case(noise_fraction=0.05).problem, LinearProblem(np.eye(40), DATA, 0.1)
+    rule = rules.DiscrepancyPrinciple()
+    for each in (problem, plain):
+        doubted, good = Tikhonov(rule=rule)(each), Tikhonov(rule=RULES["evidence"])(each)
+        assert set(rule.band_warnings) <= set(doubted.warnings)
+        assert not set(rule.band_warnings) & set(good.warnings)
+        assert doubted.quality is Quality.DOUBTFUL
+    given = Tikhonov(1, 1e-5, 1e-5, rule=rule)(problem)
+    assert given.warnings == Tikhonov(1, 1e-5, 1e-5)(problem).warnings
 
 
 @pytest.mark.parametrize("path", ["spectral", "direct"])
