@@ -186,11 +186,12 @@ def scenario(cfg: Config) -> Scenario:
 
 
 def ideal(cfg: Config) -> Scenario:
-    """The scenario without noise and effects."""
+    """The scenario without noise and effects; without a scene where the job has none."""
     from .forward.scenario import Scenario
 
     motion, sensor = scan(cfg), _ideal_sensor(cfg)
-    return Scenario(parts.scene(part(cfg, "scene"), cfg["skin"]), sensor, motion).sliding()
+    scene = parts.scene(part(cfg, "scene"), cfg["skin"]) if "scene" in cfg else None
+    return Scenario(scene, sensor, motion).sliding()
 
 
 def scene(cfg: Config) -> Scene:
