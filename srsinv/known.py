@@ -5,12 +5,15 @@ left to jax.
 
 import functools
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from typing import Any, TypeVar, cast
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.core import Tracer
+from jax.extend.core import get_opaque_trace_state
 
 from .compiled import compiled
 
@@ -38,6 +41,23 @@ def in_jax(tree: Tree) -> Tree:
 def is_traced(*trees: Any) -> bool:
     """Whether jax traces any of the arrays, so that their values are not known."""
     return any(isinstance(leaf, Tracer) for leaf in jax.tree.leaves(trees))
+
+
+def is_outside_traces() -> bool:
+    """Whether jax is tracing nothing."""
+    return get_opaque_trace_state(convention="flax") == _top_level()
+
+
+@functools.cache
+def _top_level() -> Any:
+    """What jax has for its trace outside of all of them: that of a thread that has just begun."""
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(get_opaque_trace_state, convention="flax").result()
+
+
+def outside_traces() -> AbstractContextManager[None]:
+    """Where what is known is computed at once, though jax traces what is around it."""
+    return nullcontext() if is_outside_traces() else jax.ensure_compile_time_eval()
 
 
 def array_module(*trees: Any) -> Any:

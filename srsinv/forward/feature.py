@@ -13,10 +13,12 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, ClassVar, cast
 
 import equinox as eqx
+import jax.numpy as jnp
 import numpy as np
 
 from ..errors import BadInput, echo, is_number, number, of_kind, refuse
 from ..grid import Scalar
+from ..known import is_traced
 from ..modules import with_fields
 from .traction import Bars, Hertz, LineLoad, Pressure, Step, UniformStrip
 
@@ -257,9 +259,15 @@ class GratingFeature(Feature):
     def profile(self, shape: Shape) -> Pressure:
         return Bars(1.0, shape["pitch_m"], shape["duty"], shape["phase_rad"])
 
-    def canonical(self, own: dict[str, float]) -> dict[str, float]:
+    def canonical(self, own: dict[str, Any]) -> dict[str, Any]:
         """Gaps that pull are bars that press; a phase lies between -pi and pi."""
         pressure, duty, phase = own["pressure_Pa"], own["duty"], own["phase_rad"]
+        if is_traced(own):
+            pulls = pressure < 0
+            phase = phase + math.pi * pulls
+            turned = phase - 2 * math.pi * jnp.round(phase / (2 * math.pi))
+            duty = jnp.where(pulls, 1 - duty, duty)
+            return own | {"pressure_Pa": jnp.abs(pressure), "duty": duty, "phase_rad": turned}
         if pressure < 0:
             pressure, duty, phase = -pressure, 1 - duty, phase + math.pi
         turned = math.remainder(phase, 2 * math.pi)

@@ -407,10 +407,10 @@ def raised_weights(decades: float) -> Sequence[str]:
     )
 
 
-def unchecked() -> Sequence[str]:
+def unchecked(what: str = "inversion") -> Sequence[str]:
     """Warning on an estimate that was computed under jit, vmap or grad."""
     return (
-        "JAX traced this inversion: its validity was not checked. To see its warnings, call "
+        f"JAX traced this {what}: its validity was not checked. To see its warnings, call "
         "it once outside jit, vmap and grad.",
     )
 

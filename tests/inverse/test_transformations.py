@@ -14,6 +14,7 @@ from srsinv.inverse.line import rule as rules
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Wiener
+from tests.differences import differences
 from tests.inverse.cases import DEPTH_M, N, gaps, make_case, make_operator
 from tests.refusals import refused
 from tests.tiers import quick
@@ -57,19 +58,6 @@ def numbers(case, method: str, path: str, theta):
     of_value, of_stderr = jnp.sum(made.value * TURNS[0]), jnp.sum(made.stderr * TURNS[1])
     logs = [jnp.log10(jnp.asarray(each)) for each in weights]
     return jnp.stack([of_value / 1e4, of_stderr / 1e3, *logs, made.stats["chi2_per_freedom"]])
-
-
-def differences(of, theta, step: float) -> np.ndarray:
-    """The derivatives by theta (number, parameter); the error in step^2 drops out."""
-
-    def central(step):
-        each = [
-            (np.asarray(of(theta + step * d)) - np.asarray(of(theta - step * d))) / (2 * step)
-            for d in np.eye(theta.size)
-        ]
-        return np.stack(each, axis=1)
-
-    return (4 * central(step) - central(2 * step)) / 3
 
 
 CASES = {
@@ -183,14 +171,6 @@ def test_a_rule_that_cannot_be_traced_says_so():
         lambda: eqx.filter_jit(srsinv.invert)(case.problem, Tikhonov(path="iterative")),
         "path=direct",
     )
-
-
-@pytest.mark.parametrize("transform", [jax.grad, jax.vmap])
-def test_a_fit_under_a_transformation_says_so(transform):
-    def fitted(y):
-        return srsinv.fit(lambda p: p["a"] * jnp.ones(5), {"a": 1.0}, y).value["a"]
-
-    refused(lambda: transform(lambda y: fitted(y) * 1.0)(jnp.ones((5, 5))), "srsinv.fit_many")
 
 
 SCENES = {

@@ -10,11 +10,12 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial, reduce
 from itertools import product
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import jax
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from ... import false_alarm
 from ...forward.scan import Motion
@@ -26,7 +27,7 @@ from ...status import Status
 from ..gridding.cells import Window
 from ..noise.residual import ResidualNoise
 from ..noise.sliding import Levels
-from ..nonlinear import Fit, Solver, WithNuisance, fit, fit_many
+from ..nonlinear import Fit, Solver, TracedFit, WithNuisance, fit, fit_many
 from ..rig.error import CELLS, MISFIT, OTHER_MINIMUM, SensorError, UncertainSetup
 from ..rig.setup import OF_CONTACT
 from .budget import budget_of, contradicted, names_of_facts
@@ -205,6 +206,29 @@ class FeatureFitter:
         made = FeatureEstimate.of(features, wider, model, y, read, evidence, levels, against)
         return dataclasses.replace(made, budget=budget, causes=causes.causes)
 
+    def traced(
+        self,
+        features: Features,
+        y: Float[Array, "e sample"],
+        observed: Bool[np.ndarray, "e sample"],
+        noise: Any,
+    ) -> tuple[FeatureModel, TracedFit, Mapping[str, Any]]:
+        """The model, the fit, and the priors of its linear parameters, of signals that jax traces;
+        `observed`: where they are there."""
+        y = jnp.where(observed, y, 0.0)
+        before, params, end = {}, self._common(y), None
+        for name, feature in features.items():
+            shapes = self._search.traced(y, observed, (before, params), feature)
+            own = {part: values[0] for part, values in shapes.items()}
+            start = params | {name: own | self._model.loading.begun(feature)}
+            starts = {f"{name}.{part}": values for part, values in shapes.items()}
+            before = before | {name: feature}
+            model, settings = self._model.with_features(before), self._settings(before, y, noise)
+            made = cast(TracedFit, fit(model, start, y, starts=starts, **settings))
+            params, end = jax.lax.stop_gradient(made.value), (model, made, settings["priors"])
+        assert end is not None
+        return end
+
     def many(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
     ) -> tuple[FeatureModel, list[Fit]]:
@@ -297,7 +321,7 @@ class FeatureFitter:
         if given and not feature.axes.keys() <= given.keys():
             yield from self._search.starts(y, white, before, feature, {})[:starts]
 
-    def _common(self, y: np.ndarray) -> dict[str, Any]:
+    def _common(self, y: Any) -> dict[str, Any]:
         """First values of the parameters that are no feature's."""
         offset = {"offset": np.zeros(len(y))} if self._model.free_offset else {}
         known = self._facts
@@ -311,7 +335,7 @@ class FeatureFitter:
         model = self._model.with_features(parts)
         return fit(model, start, y, steps=model.steps or None, **self._settings(parts, y, noise))
 
-    def _settings(self, parts: Features, y: np.ndarray, noise: Any) -> dict[str, Any]:
+    def _settings(self, parts: Features, y: Any, noise: Any) -> dict[str, Any]:
         model, loading = self._model.with_features(parts), self._model.loading
         reach = prior_reach(y)
         priors = loading.common_priors() if parts else {}

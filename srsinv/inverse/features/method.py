@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, cast
 
 import equinox as eqx
 import jax
@@ -11,7 +11,7 @@ import numpy as np
 from ... import false_alarm
 from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
-from ...known import is_traced
+from ...known import is_traced, outside_traces
 from ...modules import with_fields
 from ...quantities import quantity
 from ..diagnostics import beyond_modulus, negative_load
@@ -19,13 +19,14 @@ from ..line.problem import LineProblem
 from ..method import Method
 from ..noise.model import SampleNoise, Samples
 from ..noise.residual import residual_noise
-from ..nonlinear import UNTRACED, Solver
+from ..nonlinear import Solver
 from ..problem import Problem
 from .causes import TRENDS
 from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
+from .traced import TracedFeatureEstimate, traceable, traced_estimate
 from .window import stretch_of
 
 MOST_TRENDS = 5  # that are looked for in what a fit leaves, one after the other
@@ -68,6 +69,9 @@ class FeatureFit(Method):
     one. A surface repeats with the problem's window, and is pressed on with its nominal pressure;
     noise whose level is an estimate is there estimated from the residual. Computations that depend
     on the sensor and its motion alone are done once.
+
+    Under `jax.jit`, `vmap`, `grad` and `jvp` features of traction take the data and the noise of a
+    `LineProblem` as jax traces them. The estimate is then a [`TracedFeatureEstimate`][].
 
     Raises `BadInput` for features of both kinds or none, and in a call for a surface whose nominal
     pressure is not known.
@@ -114,7 +118,8 @@ class FeatureFit(Method):
     def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         """The fit of some of the features, or of none, to the stretch of the recording that is
         chosen for all of them."""
-        refuse(is_traced(problem), UNTRACED)
+        if is_traced(problem):
+            return cast(FeatureEstimate, self._traced(features, problem))
         if isinstance(problem, LineProblem):
             return self._fitted(features, problem)
         stretch = stretch_of(problem, self.features)
@@ -124,6 +129,14 @@ class FeatureFit(Method):
         evidence = estimate.log_evidence + stretch.log_prior_ratio(features)
         warnings = *estimate.warnings, *stretch.warnings
         return dataclasses.replace(estimate, log_evidence=evidence, warnings=warnings)
+
+    def _traced(self, features: Features, problem: Problem | LineProblem) -> TracedFeatureEstimate:
+        """The fit where jax traces the data or the noise."""
+        problem = traceable(features, problem)
+        samples = problem.samples()
+        with outside_traces():
+            fitter = self._fitter(problem, samples)
+        return traced_estimate(fitter, features, problem, samples)
 
     def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         """The fit, beside a drift and jumps of the signals where these explain a misfit."""

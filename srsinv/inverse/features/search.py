@@ -4,12 +4,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Array, Bool, Float
 
 from ...errors import number
 from ...forward.feature import ScanExtent
 from ...forward.scan import Motion
+from ...known import Numbers, array_module, is_traced, outside_traces
 from .direct import responses
 from .loading import AnyFeature, Features, TrialShapes
 from .model import FeatureModel
@@ -33,7 +35,7 @@ class Blocks:
         columns = (motion.time_s, motion.position_m, motion.speed_m_per_s)
         self.motion = Motion(*(self.means(np.asarray(column)) for column in columns))
 
-    def means(self, values: np.ndarray) -> np.ndarray:
+    def means(self, values: Any) -> Any:
         """The means along the last axis."""
         used = values.shape[-1] // self.size * self.size
         return values[..., :used].reshape(*values.shape[:-1], -1, self.size).mean(axis=-1)
@@ -42,7 +44,7 @@ class Blocks:
 def separated(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
     """Indices of the best starts that are not neighbours on their grid, by `tried`'s columns
     (start,)."""
-    places = np.stack([np.unique(v, return_inverse=True)[1] for v in tried], axis=1)
+    places = _places(tried)
     chosen: list[int] = []
     for at in np.argsort(-explained):
         near = [np.abs(places[at] - places[other]).max() <= 1 for other in chosen]
@@ -51,6 +53,11 @@ def separated(tried: Sequence[np.ndarray], explained: np.ndarray) -> list[int]:
         if len(chosen) == STARTS:
             break
     return chosen
+
+
+def _places(tried: Sequence[np.ndarray]) -> np.ndarray:
+    """Where each start is on their grid (start, column)."""
+    return np.stack([np.unique(v, return_inverse=True)[1] for v in tried], axis=1)
 
 
 @dataclass(frozen=True)
@@ -81,16 +88,16 @@ class FilterBank:
         # With the inverse of so small a root, many rows take a fifth of the time of solving.
         return cls(tried.shapes, np.linalg.inv(root) @ signals, fixed)
 
-    def explained(self, rest: Float[np.ndarray, "b row"]) -> Float[np.ndarray, "b start"]:
+    def explained(self, rest: Float[Numbers, "b row"]) -> Float[Numbers, "b start"]:
         """Reduction of the squares of each residual by a shape with its best linear parameters,
         less the squares that its fixed signal leaves."""
-        starts, a, rows = self.basis.shape
+        (starts, a, rows), xp = self.basis.shape, array_module(rest)
         along = (rest @ self.basis.reshape(-1, rows).T).reshape(-1, starts, a)
-        squares = np.sum(rest**2, axis=1)[:, None]
+        squares = xp.sum(rest**2, axis=1)[:, None]
         if self.fixed is not None:
             along = along - (self.basis @ self.fixed[:, :, None])[..., 0]
             squares = squares - 2 * rest @ self.fixed.T + np.sum(self.fixed**2, axis=1)
-        return np.sum(along**2, axis=2) - squares
+        return xp.sum(along**2, axis=2) - squares
 
 
 class FeatureSearch:
@@ -126,6 +133,30 @@ class FeatureSearch:
         chosen = separated(list(columns.values()), explained[0])
         return [{name: float(column[at]) for name, column in columns.items()} for at in chosen]
 
+    def traced(
+        self,
+        y: Float[Array, "e sample"],
+        observed: Bool[np.ndarray, "e sample"],
+        before: tuple[Mapping[str, AnyFeature], Any],
+        feature: AnyFeature,
+    ) -> dict[str, Float[Array, " start"]]:
+        """As `starts`, of signals that jax traces, 0 where they are not `observed`."""
+        known = self._blocks.means(observed.astype(float))
+        rest = self._blocks.means(y)
+        if before[0]:
+            rest = rest - known * self._model.with_features(before[0])(before[1])
+        white = np.ones(len(y))
+        with outside_traces():
+            self._filter_banks(feature, white, known, {})  # which it remembers
+        columns, explained = self._explained(rest[None], white, known, feature, {})
+        places, left = jnp.asarray(_places(list(columns.values()))), explained[0]
+        chosen = []
+        for _ in range(STARTS):
+            at = jnp.argmax(left)
+            chosen.append(at)
+            left = jnp.where(jnp.abs(places - places[at]).max(axis=1) <= 1, -jnp.inf, left)
+        return {name: jnp.asarray(each)[jnp.array(chosen)] for name, each in columns.items()}
+
     def best(
         self, ys: Float[np.ndarray, "b e sample"], feature: AnyFeature
     ) -> dict[str, Float[np.ndarray, " b"]]:
@@ -137,8 +168,8 @@ class FeatureSearch:
         return {name: column[explained.argmax(axis=1)] for name, column in columns.items()}
 
     def _explained(
-        self, rest: Float[np.ndarray, "b e block"], white, known, feature: AnyFeature, given
-    ) -> tuple[dict[str, np.ndarray], Float[np.ndarray, "b start"]]:
+        self, rest: Float[Numbers, "b e block"], white, known, feature: AnyFeature, given
+    ) -> tuple[dict[str, np.ndarray], Any]:
         """The shapes tried, and how much of each residual they explain; `known`: the fraction of
         each block's samples that are there, the rest being zero."""
         left = self._weighed(rest, white, known).reshape(len(rest), -1)
@@ -147,7 +178,7 @@ class FeatureSearch:
             shapes.append(bank.shapes)
             explained.append(bank.explained(left))
         columns = {name: np.concatenate([each[name] for each in shapes]) for name in feature.axes}
-        return columns, np.concatenate(explained, axis=1)
+        return columns, array_module(explained).concatenate(explained, axis=1)
 
     def strongest(self, feature: AnyFeature) -> list[float]:
         """The strongest signal of each of its unit linear parameters over all shapes tried."""
@@ -193,14 +224,14 @@ class FeatureSearch:
     def _note(self, feature: AnyFeature, peaks: list[np.ndarray]) -> None:
         self._strongest[feature] = np.max(peaks, axis=0).tolist()
 
-    def _weighed(self, signals: np.ndarray, white: np.ndarray, known: np.ndarray) -> np.ndarray:
+    def _weighed(self, signals: Any, white: np.ndarray, known: np.ndarray) -> Any:
         """Signals in units of the noise, less each element's offset where it is free: what is
         `known` of one."""
         weighed = signals / white[:, None]
         if self._model.free_offset:
-            along = np.sum(known * weighed, axis=-1, keepdims=True)
+            along = array_module(weighed).sum(known * weighed, axis=-1, keepdims=True)
             squares = np.sum(known**2, axis=-1, keepdims=True)
-            weighed -= known * (along / np.where(squares > 0, squares, 1.0))
+            weighed = weighed - known * (along / np.where(squares > 0, squares, 1.0))
         return weighed
 
 
@@ -218,7 +249,10 @@ def given_start(start: Mapping[str, float], name: str, features: Features) -> di
     }
 
 
-def prior_reach(y: np.ndarray) -> float:
+def prior_reach(y: Any) -> Any:
     """Signal at one prior standard deviation of an amplitude: see `AMPLITUDE_PRIOR_REACH`."""
+    if is_traced(y):
+        largest = jnp.max(jnp.abs(y))
+        return jnp.where(largest > 0, AMPLITUDE_PRIOR_REACH * largest, 1.0)
     largest = float(np.max(np.abs(y[np.isfinite(y)]), initial=0.0))
     return AMPLITUDE_PRIOR_REACH * largest if largest > 0 else 1.0

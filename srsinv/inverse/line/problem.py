@@ -20,7 +20,7 @@ from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Convolution, Line, Operator, as_real
-from ...known import array_module, in_jax, in_numpy, is_traced
+from ...known import array_module, in_jax, in_numpy, is_traced, outside_traces
 from ...modules import with_fields
 from ...status import Status
 from ..diagnostics import beyond_modulus, residual_over_noise, unchecked_residual
@@ -384,11 +384,12 @@ class LineProblem(LineModel):
                 "The problem has an operator but no sensor, which a feature fit needs: give "
                 "sensor and scan."
             )
-        y = np.where(self.is_observed, np.asarray(self.data + self.mean_signal), np.nan)[
-            :, scanned.cells
-        ]
+        signal = self.data + self.mean_signal
+        xp = array_module(signal)
+        y = xp.where(self.is_observed, xp.asarray(signal), xp.nan)[:, scanned.cells]
         scale = np.ones(()) if self.noise_scale is None else self.noise_scale[:, scanned.cells]
-        noise = noise_on_line(np.asarray(self.noise), self.line.n, y, np.asarray(scale))
+        observed = self.is_observed[:, scanned.cells]
+        noise = noise_on_line(self.noise, self.line.n, observed, scale)
         return Samples(sensor, self._motion, y, noise, is_estimate=False)
 
     def restricted_to(self, cells: Bool[np.ndarray, " n"]) -> "LineProblem":
@@ -402,8 +403,9 @@ class LineProblem(LineModel):
     def _motion(self) -> Motion:
         assert self.scan is not None
         assert self.scanned is not None
-        x, speed = np.asarray(self.line.x)[self.scanned.cells], float(self.scan.speed_m_per_s)
-        return Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
+        with outside_traces():
+            x, speed = np.asarray(self.line.x)[self.scanned.cells], float(self.scan.speed_m_per_s)
+            return Motion((x - x[0]) / speed, x, np.full(x.shape, speed))
 
     def estimate(
         self,

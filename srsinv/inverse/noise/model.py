@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy
@@ -14,6 +15,7 @@ from ...forward.noise import Noise, check_power, total_spectrum
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
 from ...grid import Line, Periodic, as_real
+from ...known import Numbers, array_module, is_traced
 from ...modules import with_fields
 from ...numerics import is_flat
 from ...recording.even import STEADY
@@ -260,21 +262,23 @@ def is_steady(motion: Motion) -> bool:
 
 
 def noise_on_line(
-    power: Float[np.ndarray, "#e k"],
+    power: Float[Numbers, "#e k"],
     n: int,
-    y: Float[np.ndarray, "e sample"],
-    scale: Float[np.ndarray, "..."],
+    observed: Bool[np.ndarray, "e sample"],
+    scale: Float[Numbers, "..."],
 ) -> Any:
     """The noise of samples that are successive cells of a line of n, by its power there and a
     factor on its standard deviation, as a fit takes it; an offset that is not known is no part of
     it."""
-    power = np.where(np.isfinite(power), power, power[:, 1:2])
-    observed = np.isfinite(y)
-    if is_flat(power):
-        return np.where(observed, scale * np.sqrt(power[:, 1:2]), np.inf)
-    lags = np.broadcast_to(np.fft.irfft(power, n)[:, : y.shape[1]], y.shape)
-    each = np.broadcast_to(scale, y.shape).ravel()
-    blocks = scipy.linalg.block_diag(*map(scipy.linalg.toeplitz, lags))
+    xp, shape = array_module(power, scale), observed.shape
+    power, scale = xp.asarray(power), xp.asarray(scale)
+    power = xp.where(xp.isfinite(power), power, power[:, 1:2])
+    if not is_traced(power) and is_flat(np.asarray(power)):
+        return xp.where(observed, scale * xp.sqrt(power[:, 1:2]), xp.inf)
+    lags = xp.broadcast_to(xp.fft.irfft(power, n)[:, : shape[1]], shape)
+    each = xp.broadcast_to(scale, shape).ravel()
+    apart = np.abs(np.subtract.outer(np.arange(shape[1]), np.arange(shape[1])))
+    blocks = (scipy if xp is np else jax.scipy).linalg.block_diag(*lags[:, apart])
     covariance = each[:, None] * blocks * each
-    missing = np.where(observed, 0.0, MISSING * lags[:, :1])
-    return Correlated(covariance + np.diag(missing.ravel()))
+    missing = xp.where(observed, 0.0, MISSING * lags[:, :1])
+    return Correlated(covariance + xp.diag(missing.ravel()))

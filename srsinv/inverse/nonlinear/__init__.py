@@ -16,7 +16,6 @@ from ._noise import Spectrum as Spectrum
 from ._noise import WhitePlusOU as WhitePlusOU
 from ._noise import whitener as whitener
 from ._nuisance import WithNuisance as WithNuisance
-from ._request import UNTRACED as UNTRACED
 from ._sampler import check_sampler as check_sampler
 from ._samples import PosteriorSamples as PosteriorSamples
 from ._sampling import LEAST_DRAWS as LEAST_DRAWS
@@ -26,3 +25,4 @@ from ._solvers import Minimum as Minimum
 from ._solvers import OptaxLBFGS as OptaxLBFGS
 from ._solvers import Optimistix as Optimistix
 from ._solvers import Solver as Solver
+from ._traced import TracedFit as TracedFit

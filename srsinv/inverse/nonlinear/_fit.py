@@ -3,28 +3,41 @@ identifiable."""
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping
-from typing import Any
+from typing import Any, cast
 
 import jax
 import numpy as np
 from jaxtyping import Array
 
 from ...errors import refuse
+from ...known import is_traced, outside_traces
 from ..diagnostics import false_minimum
 from ._answer import Fit
 from ._differences import with_differences
 from ._loss import Loss
 from ._parameters import Tree, on_host, parameters
-from ._request import check_linear, checked_data, checked_solver, data_unit, filled, objective_of
+from ._request import (
+    UNTRACED,
+    check_linear,
+    checked_data,
+    checked_solver,
+    data_unit,
+    filled,
+    objective_of,
+)
 from ._saddle import escape_saddle
 from ._search import Objective, Search, SearchEnd
 from ._solvers import Solver
 from ._starts import starting_points, starting_rows
 from ._summary import Summary
+from ._traced import hoisted, traced_fit
 
 AT_ONCE = 8  # data whose model is one call: more of them no longer share a processor's cache
 MAX_SEARCHES = 8  # number of best starts to search from
 SCALES = 8  # rounds of estimating an unknown noise level where the minimum depends on it
+UNTRACED_STEPS = (
+    "A minimum by a derivative that jumps (steps) has no slope: fit it outside jit, vmap and grad."
+)
 NORMAL_MAD = 1.4826022185056018  # a normal's standard deviation over its median deviation
 
 
@@ -68,16 +81,33 @@ def fit(
 
     Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
     M-estimator form. Raises `BadInput` for values that disagree or are out of range.
+
+    Under `jax.jit`, `vmap`, `grad` and `jvp`, jax may trace the data, the noise, the priors, the
+    values of `initial` and what the model closes over. The fit is then a [`TracedFit`][] of
+    `srsinv.inverse.nonlinear`: its values, standard errors and residual, with their derivatives.
     """
     unknowns = parameters(initial, bounds, free, linear)
+    model = hoisted(model, unknowns)
     objective, level_known = objective_of(model, unknowns, checked_data(y), noise, priors, loss)
     points = starting_points(starts, unknowns)
     check_linear(objective, points, linear)
     solver = checked_solver(solver, max_searches=max_searches)
     box = on_host(unknowns.lower), on_host(unknowns.upper)
-    search = Search(solver, points, *box, max_searches)
+    if is_traced(objective, points):
+        refuse(bool(steps), UNTRACED_STEPS)
+        made = traced_fit(objective, level_known, solver, points, box, max_searches)
+        return cast(Fit, made)  # as far as jax can trace it
+    summary = Summary(objective, unknowns, level_known, solver)
+    with outside_traces():
+        return _known_fit(objective, summary, Search(solver, points, *box, max_searches), steps)
+
+
+def _known_fit(
+    objective: Objective, summary: Summary, search: Search, steps: Mapping[str, float] | None
+) -> Fit:
+    """The fit of known numbers."""
     ends = search(objective)
-    if not level_known and (objective.prior_mean is not None or objective.is_robust):
+    if not summary.level_known and (objective.prior_mean is not None or objective.is_robust):
         for _ in range(SCALES):
             scale = _level(objective, ends)
             settled = abs(scale / float(objective.scale) - 1) < 1e-3
@@ -86,7 +116,6 @@ def fit(
             if settled:
                 break
     ends = escape_saddle(objective, ends, search)
-    summary = Summary(objective, unknowns, level_known, solver)
     if steps:
         return with_differences(summary, objective, ends, search, steps)
     return summary(objective, jax.device_get(ends), search)
@@ -123,6 +152,7 @@ def fit_many(
     fit one after the other. Raises `BadInput` as `fit` does, and for priors where the noise is not
     known.
     """
+    refuse(is_traced(initial, ys, noise, priors, starts, each), UNTRACED)
     unknowns = parameters(initial, bounds, free, linear)
     ys = checked_data(ys)
     refuse(ys.ndim < 2 or not len(ys), "fit_many takes data with a leading axis: (batch, ...).")

@@ -14,6 +14,7 @@ from jaxtyping import Array, Float
 from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ...grid import as_real, half_spectrum_weights
+from ...known import array_module, is_traced
 from ...modules import with_fields
 from ...numerics import shared_count
 from ._parameters import on_host, real
@@ -45,12 +46,13 @@ class Whitener(eqx.Module):
         """Half the log of the determinant of the noise's covariance over data of this shape."""
 
     @abc.abstractmethod
-    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
+    def observed(self, shape: tuple[int, ...]) -> Any:
         """Mask of valid data, of the data's shape."""
 
-    def count(self, shape: tuple[int, ...]) -> int:
+    def count(self, shape: tuple[int, ...]) -> Any:
         """Number of independent values in the data."""
-        return int(self.observed(shape).sum())
+        observed = self.observed(shape)
+        return observed.sum() if is_traced(observed) else int(observed.sum())
 
     def filled_up(self, shape: tuple[int, ...], more: int) -> "Whitener | None":
         """That of data of this shape and then `more` that are missing along the last axis; None
@@ -89,8 +91,9 @@ class Independent(Whitener):
         stderr = np.broadcast_to(np.asarray(self.stderr), shape)
         return float(np.sum(np.log(stderr[np.isfinite(stderr)])))
 
-    def observed(self, shape: tuple[int, ...]) -> np.ndarray:
-        return np.broadcast_to(np.isfinite(np.asarray(self.stderr)), shape)
+    def observed(self, shape: tuple[int, ...]) -> Any:
+        xp = array_module(self.stderr)
+        return xp.broadcast_to(xp.isfinite(xp.asarray(self.stderr)), shape)
 
     def filled_up(self, shape: tuple[int, ...], more: int) -> "Independent":
         stderr = np.broadcast_to(np.asarray(self.stderr), shape)
@@ -111,7 +114,8 @@ class Spectrum(Whitener):
     def __init__(self, power):
         sentence = "The noise's power spectrum must be one row of numbers above 0."
         power = real(power, sentence)
-        refuse(power.ndim != 1 or not bool(np.all(power > 0)), sentence)
+        is_wrong = not is_traced(power) and not bool(np.all(power > 0))
+        refuse(power.ndim != 1 or is_wrong, sentence)
         self.power = as_real(power)
 
     def __call__(self, residual: Float[Array, "..."]) -> Float[Array, " n"]:
@@ -125,9 +129,11 @@ class Spectrum(Whitener):
         logs = np.log(np.where(finite, power, 1.0))
         return float(np.prod(shape) / 2 * np.sum(half_spectrum_weights(shape[-1]) * logs))
 
-    def count(self, shape: tuple[int, ...]) -> int:
-        finite = np.isfinite(np.asarray(self.power))
-        return round(np.prod(shape) * np.sum(half_spectrum_weights(shape[-1]) * finite))
+    def count(self, shape: tuple[int, ...]) -> Any:
+        xp = array_module(self.power)
+        finite = xp.isfinite(xp.asarray(self.power))
+        count = np.prod(shape) * xp.sum(half_spectrum_weights(shape[-1]) * finite)
+        return count if xp is jnp else round(count)
 
     def observed(self, shape: tuple[int, ...]) -> np.ndarray:
         refuse(
@@ -160,6 +166,12 @@ class WhitePlusOU(Whitener):
         """`position_m` (sample,); `white` (e, sample), infinite where a sample is left out;
         `sliding` and `correlation_m`, (#e,) or numbers: the correlated part's standard deviation
         and length; `relative_stderr`: of the white noise's level, where it is an estimate."""
+        given = position_m, white, sliding, correlation_m
+        refuse(
+            is_traced(given),
+            "Noise that is correlated along the motion has to be known: make "
+            "it outside jit, vmap and grad.",
+        )
         self.relative_stderr = on_host(relative_stderr)
         white = real(white, "The white noise must be one standard deviation for each of the data.")
         for name, value in (("sliding", sliding), ("correlation_m", correlation_m)):
@@ -305,6 +317,9 @@ class Correlated(Whitener):
         covariance = real(covariance, sentence)
         square = covariance.ndim == 2 and covariance.shape[0] == covariance.shape[1]
         refuse(not square, sentence)
+        if is_traced(covariance):
+            self.factor = jnp.linalg.cholesky(covariance)
+            return
         variance = np.diagonal(covariance)
         # Rounding in a covariance that is close to zero is of the size of the variances.
         deviation = np.sqrt(np.abs(variance))
@@ -334,7 +349,7 @@ class Correlated(Whitener):
         return np.ones(shape, bool)
 
 
-def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
+def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, Any]:
     """The whitener that `noise` specifies, and the mask of valid data; None is white noise of rms
     one, to be scaled."""
     if not isinstance(noise, Whitener):
@@ -343,12 +358,13 @@ def whitener(noise: Any, shape: tuple[int, ...]) -> tuple[Whitener, np.ndarray]:
             "for each."
         )
         stderr = real(1.0 if noise is None else noise, sentence)
+        xp = array_module(stderr)
         try:
-            stderr = np.broadcast_to(stderr, shape)
+            stderr = xp.broadcast_to(stderr, shape)
         except ValueError as error:
             raise BadInput(sentence) from error
         refuse(
-            not bool((stderr > 0).all()),
+            xp is np and not bool((stderr > 0).all()),
             "The noise has a standard deviation that is not above 0: give positive ones, "
             "infinite for a sample to leave out.",
         )

@@ -6,12 +6,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from ...errors import BadInput, check_name, refuse
+from ...known import array_module, is_traced
 
 Tree = Any
+UNTRACED_BOUNDS = "The bounds of a fit have to be known: compute them outside jit, vmap and grad."
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,7 @@ class Layout:
         names = [names] if isinstance(names, str) else names
         return {i for name in names for i in self.indices(name, what)}
 
-    def row_of(self, what: str, given: Tree, default: float) -> np.ndarray:
+    def row_of(self, what: str, given: Tree, default: float) -> Any:
         """A number for each place: `given` is one number, a tree like the parameters, or a mapping
         by name with `default` elsewhere; None anywhere means the default."""
         row = np.full(len(self.names), default)
@@ -80,7 +83,8 @@ class Layout:
         if isinstance(given, Mapping) and not self._is_like(given):
             for name, value in flat_mapping(given).items():
                 where = self.indices(name, what)
-                row[where] = self._numbers(f"{what} of {name}", value, len(where), default)
+                numbers = self._numbers(f"{what} of {name}", value, len(where), default)
+                row = with_numbers(row, where, numbers)
             return row
         ends = (list, tuple, type(None)) if not self._is_like(given) else type(None)
         leaves = jax.tree.leaves(given, is_leaf=lambda x: isinstance(x, ends))
@@ -95,7 +99,7 @@ class Layout:
             self._numbers(f"{what} of {leaf}", value, int(np.prod(shape)), default)
             for leaf, shape, value in zip(self.leaves, self.shapes, leaves, strict=True)
         ]
-        return np.concatenate(parts)
+        return array_module(parts).concatenate(parts)
 
     def _is_like(self, given: Tree) -> bool:
         try:
@@ -103,21 +107,34 @@ class Layout:
         except (TypeError, ValueError):
             return False
 
-    def _numbers(self, what: str, value: Any, size: int, default: float) -> np.ndarray:
+    def _numbers(self, what: str, value: Any, size: int, default: float) -> Any:
         remedy = f"{what} is {value!r}: give one number or {size} of them."
         numbers = real(default if value is None else value, remedy)
         refuse(numbers.size not in (1, size), remedy)
-        return np.broadcast_to(numbers.ravel(), (size,))
+        return array_module(numbers).broadcast_to(numbers.ravel(), (size,))
 
 
-def on_host(value: Any) -> np.ndarray:
+def with_numbers(rows: Any, where: list[int], numbers: Any) -> Any:
+    """The rows (..., all) with these numbers (..., len(where)) in their places."""
+    if is_traced(rows, numbers):
+        return jnp.asarray(rows).at[..., np.array(where, int)].set(numbers)
+    rows[..., where] = numbers
+    return rows
+
+
+def on_host(value: Any) -> Any:
     """Numbers in the working precision, in numpy: a program takes them sooner than arrays that were
-    put on the device one by one."""
-    return np.asarray(value, jax.dtypes.canonicalize_dtype(np.float64))
+    put on the device one by one. What jax traces stays so."""
+    return array_module(value).asarray(value, jax.dtypes.canonicalize_dtype(np.float64))
 
 
-def real(value: Any, sentence: str) -> np.ndarray:
-    """The value as an array of real numbers; else refused with the sentence."""
+def real(value: Any, sentence: str) -> Any:
+    """The value as an array of real numbers, or as jax traces it; else refused with the
+    sentence."""
+    if is_traced(value):
+        made = jnp.asarray(value)
+        refuse(jnp.iscomplexobj(made), sentence)
+        return on_host(made)
     try:
         array = np.asarray(value)
         refuse(np.iscomplexobj(array), sentence)
@@ -147,7 +164,7 @@ class Parameters:
     """Parameters of a fit: layout, the row of first values, and a box for the free ones."""
 
     layout: Layout
-    first: np.ndarray
+    first: Any
     lower: np.ndarray
     upper: np.ndarray
 
@@ -175,6 +192,8 @@ def parameters(initial: Tree, bounds: Any, free: Any, linear: Collection[str]) -
             f"{name} has bounds but is named in linear, where bounds cannot be kept: "
             "leave out one of both.",
         )
+        if is_traced(first):
+            continue  # the search begins on the nearer bound
         refuse(
             i not in layout.linear and not lower[i] <= first[i] <= upper[i],
             f"The first value of {name} is {first[i]:g}, outside its bounds [{lower[i]:g}, "
@@ -183,7 +202,7 @@ def parameters(initial: Tree, bounds: Any, free: Any, linear: Collection[str]) -
     return Parameters(layout, first, lower[list(chosen)], upper[list(chosen)])
 
 
-def _layout(initial: Tree) -> tuple[Layout, np.ndarray]:
+def _layout(initial: Tree) -> tuple[Layout, Any]:
     paths, structure = jax.tree_util.tree_flatten_with_path(initial)
     refuse(not paths, "There is no parameter to fit: initial is empty.")
     leaves, names, values = [], [], []
@@ -191,7 +210,7 @@ def _layout(initial: Tree) -> tuple[Layout, np.ndarray]:
         name = ".".join(_key(part) for part in path)
         remedy = f"The first value of {name or 'b'} is {leaf!r}: give finite real numbers."
         value = real(leaf, remedy)
-        refuse(not np.isfinite(value).all(), remedy)
+        refuse(not is_traced(value) and not np.isfinite(value).all(), remedy)
         leaves.append(name or "b")
         values.append(value)
         places = np.ndindex(value.shape)
@@ -199,7 +218,7 @@ def _layout(initial: Tree) -> tuple[Layout, np.ndarray]:
     shapes = tuple(value.shape for value in values)
     everything = tuple(range(len(names)))
     layout = Layout(structure, shapes, tuple(leaves), tuple(names), everything, ())
-    return layout, np.concatenate([value.ravel() for value in values])
+    return layout, array_module(values).concatenate([value.ravel() for value in values])
 
 
 def _key(part: Any) -> str:
@@ -238,6 +257,7 @@ def _bounds(layout: Layout, bounds: Any) -> tuple[np.ndarray, np.ndarray]:
         lower, upper = bounds or (None, None)
     low = layout.row_of("The lower bound", lower, -np.inf)
     high = layout.row_of("The upper bound", upper, np.inf)
+    refuse(is_traced(low, high), UNTRACED_BOUNDS)
     bad = np.isnan(low) | np.isnan(high)
     name = layout.names[bad.argmax()]
     refuse(bool(bad.any()), f"The bounds of {name} have nan: give a number, or None for none.")

@@ -122,8 +122,9 @@ class FreeDensity(eqx.Module):
         """The same, with its gradient taken backward where that is possible."""
         try:
             jax.eval_shape(jax.grad(self.value), jnp.asarray(self.centre))
-        # Of many kinds, as jax raises it from the depth of a solver that has no transpose.
-        except Exception:
+        # For a loop of unknown length or a callback, for a derivative that is not linear in the
+        # tangent, and for a linear solve without a transpose.
+        except (ValueError, NotImplementedError, TypeError):
             return replace(self, is_forward=True)
         return self
 

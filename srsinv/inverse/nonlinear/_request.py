@@ -9,7 +9,7 @@ import numpy as np
 
 from ...compiled import compiled
 from ...errors import BadInput, of_kind, refuse
-from ...known import is_traced
+from ...known import array_module, is_traced
 from ._loss import loss_of
 from ._noise import whitener
 from ._parameters import Parameters, flat_mapping, on_host, real
@@ -17,8 +17,7 @@ from ._search import Objective
 from ._solvers import Optimistix, Solver
 
 UNTRACED = (
-    "A fit searches for its minimum outside jax: call it with known numbers, outside jit, vmap and "
-    "grad, or srsinv.fit_many with many data."
+    "fit_many works outside jit, vmap and grad: there, take jax.vmap of srsinv.fit over the data."
 )
 
 
@@ -30,14 +29,15 @@ def checked_solver(solver: Solver | None, **counts: int) -> Solver:
     return of_kind("solver", solver, Solver, "Optimistix(), OptaxLBFGS() or JaxoptLBFGSB()")
 
 
-def checked_data(y) -> np.ndarray:
-    refuse(is_traced(y), UNTRACED)
+def checked_data(y) -> Any:
     sentence = f"The data are no array of real numbers but {type(y).__name__}: give one."
-    return np.atleast_1d(real(y, sentence))
+    return array_module(y).atleast_1d(real(y, sentence))
 
 
-def filled(data: np.ndarray, observed: np.ndarray) -> np.ndarray:
+def filled(data: Any, observed: Any) -> Any:
     """The data with zeros in place of invalid ones."""
+    if is_traced(data, observed):
+        return jnp.where(observed, data, 0.0)
     bad = observed & ~np.isfinite(data)
     refuse(
         bool(bad.any()),
@@ -50,10 +50,13 @@ def filled(data: np.ndarray, observed: np.ndarray) -> np.ndarray:
 NOTHING = 1e-8  # of the largest datum: where most are less, their median is no scale
 
 
-def data_unit(data: np.ndarray, observed: np.ndarray) -> float:
+def data_unit(data: Any, observed: Any) -> Any:
     """Unit of a residual whose noise is not known: the data's median size, which is robust to
     outliers, or the largest where most are zero; a power of two, which changes no digit. In the
     data's own unit single precision cannot square 1e30."""
+    if is_traced(data, observed):
+        size = jax.lax.stop_gradient(jnp.max(jnp.where(observed, jnp.abs(data), 0.0)))
+        return jnp.where(size > 0, 2.0 ** jnp.round(jnp.log2(jnp.where(size > 0, size, 1.0))), 1.0)
     sizes = np.abs(data)[..., np.broadcast_to(observed, data.shape[-observed.ndim :])]
     median, most = np.median(sizes), np.max(sizes)
     size = median if median > NOTHING * most else most
@@ -65,8 +68,9 @@ def objective_of(
 ) -> tuple[Objective, bool]:
     whiten, observed = whitener(noise, data.shape)
     data = filled(data, observed)
+    count = whiten.count(data.shape)
     refuse(
-        not whiten.count(data.shape),
+        not is_traced(count) and not count,
         "All of the data are left out: give finite noise for at least one.",
     )
     layout = unknowns.layout
@@ -98,13 +102,15 @@ def _priors(layout, priors) -> tuple[Any, Any]:
     stderr = layout.row_of(
         "The prior's standard deviation", {name: pair[1] for name, pair in pairs.items()}, np.inf
     )
+    free = np.asarray(layout.free)
+    if is_traced(mean, stderr):
+        return on_host(mean[free]), on_host(1 / stderr[free])
     wrong = ~np.isfinite(mean) | ~(stderr > 0)
     i = int(np.argmax(wrong))
     refuse(
         bool(wrong.any()),
         f"The prior of {layout.names[i]} is ({mean[i]:g}, {stderr[i]:g}): {remedy}.",
     )
-    free = list(layout.free)
     return on_host(mean[free]), on_host(1 / stderr[free])
 
 
@@ -113,6 +119,8 @@ def check_linear(objective: Objective, points, linear: Collection[str]) -> None:
     as the test compiles it once more."""
     layout = objective.layout
     said = getattr(objective.model, "linear", ())
+    if is_traced(objective, points):
+        return
     if not layout.linear or (isinstance(said, tuple) and set(linear) <= set(said)):
         return
     names = ", ".join(layout.names[i] for i in layout.linear[:4])

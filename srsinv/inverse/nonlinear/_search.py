@@ -336,6 +336,12 @@ class Search:
         """The best of the minima reached."""
         return self._run(objective, np.full_like(self.lower, np.nan))
 
+    def traced(self, objective: Objective) -> SearchEnd:
+        """The same where jax traces the objective or the starts."""
+        nowhere = jnp.full_like(jnp.asarray(self.lower), jnp.nan)
+        box = self.lower, self.upper
+        return _searched(objective, self.solver, self.starts, *box, self.max_searches, nowhere)
+
     def white_at(self, objective: Objective, z: Float[Host, " m"]) -> Float[Host, " n"]:
         """The whitened residual at a point, by the search's own program: the model is nearly all of
         it, and takes seconds to compile."""

@@ -3,11 +3,13 @@
 from collections.abc import Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from ...errors import refuse
-from ._parameters import Parameters, flat_mapping, on_host, real
+from ...known import array_module, is_traced
+from ._parameters import Parameters, flat_mapping, on_host, real, with_numbers
 
 
 def starting_points(given: Any, unknowns: Parameters) -> Float[np.ndarray, "s m"]:
@@ -17,11 +19,12 @@ def starting_points(given: Any, unknowns: Parameters) -> Float[np.ndarray, "s m"
     values along a leading axis, the other parameters as in the first; None: the first value alone.
     """
     layout = unknowns.layout
-    first = unknowns.first[list(layout.free)]
+    first = unknowns.first[np.asarray(layout.free)]
     if given is None:
         return on_host(first[None])
     if isinstance(given, Mapping):
-        return on_host(np.concatenate([first[None], _listed(given, unknowns)]))
+        rows = first[None], _listed(given, unknowns)
+        return on_host(array_module(rows).concatenate(rows))
     refuse(
         isinstance(given, bool) or not isinstance(given, int) or given < 1,
         f"starts is {given!r}: give a whole number from 1, or a mapping of names to values.",
@@ -36,13 +39,13 @@ def starting_points(given: Any, unknowns: Parameters) -> Float[np.ndarray, "s m"
     )
     from scipy.stats import qmc
 
-    points = np.tile(first, (given, 1))
+    points = array_module(first).tile(first, (given, 1))
     if searched:
         power = int(np.ceil(np.log2(given)))
         unit = qmc.Sobol(len(searched), scramble=True, rng=0).random_base2(power)[:given]
         low, high = unknowns.lower[searched], unknowns.upper[searched]
-        points[:, searched] = low + unit * (high - low)
-    return on_host(np.concatenate([first[None], points]))
+        points = with_numbers(points, searched, low + unit * (high - low))
+    return on_host(array_module(first).concatenate([first[None], points]))
 
 
 def starting_rows(
@@ -59,22 +62,29 @@ def starting_rows(
     return rows
 
 
-def _listed(given: Mapping, unknowns: Parameters) -> np.ndarray:
+def _listed(given: Mapping, unknowns: Parameters) -> Any:
     layout, rows = unknowns.layout, None
     for name, values in flat_mapping(given).items():
         where = layout.indices(name, "starts")
         listed = real(values, f"The starts of {name} are {values!r}: give rows of numbers.")
-        count = len(rows) if rows is not None else len(np.atleast_1d(listed))
+        count = len(rows) if rows is not None else (listed.shape or (1,))[0]
         refuse(
             not count or listed.shape[:1] != (count,) or listed.size != count * len(where),
             f"The starts of {name} have shape {listed.shape}: give as many as for the others, at "
             f"least one, each of {len(where)} numbers.",
         )
-        refuse(not np.isfinite(listed).all(), f"A start of {name} is not finite: give numbers.")
-        rows = np.tile(unknowns.first, (count, 1)) if rows is None else rows
-        rows[:, where] = listed.reshape(count, -1)
+        is_known = not is_traced(listed)
+        refuse(
+            is_known and not np.isfinite(listed).all(),
+            f"A start of {name} is not finite: give numbers.",
+        )
+        if rows is None:
+            rows = array_module(unknowns.first).tile(unknowns.first, (count, 1))
+        rows = with_numbers(rows, where, listed.reshape(count, -1))
     refuse(rows is None, "starts names no parameter: give values for at least one.")
-    rows = np.asarray(rows)[:, list(layout.free)]
+    rows = array_module(rows).asarray(rows)[:, np.asarray(layout.free)]
+    if is_traced(rows):
+        return jnp.clip(rows, unknowns.lower, unknowns.upper)
     inside = (rows >= unknowns.lower) & (rows <= unknowns.upper)
     worst = int(np.argmin(inside.all(axis=0)))
     refuse(

@@ -8,6 +8,7 @@ import scipy
 # A singular value of the Jacobian with columns of length one, relative to the largest, below which
 # its direction is rounding: it is not identifiable from the data.
 ROUNDING_FACTOR = 5e3
+TOUCHED = 1e-6  # of a unit vector: a direction of less does not hold a parameter
 CONVERGED = 1e-3  # standard errors from the minimum of the linearised problem (Bates, Watts 1981)
 
 LEAST_CURVATURE = 1e-4  # of the whole curvature, left where the bounds gave nearly all of it
@@ -82,7 +83,7 @@ class Spread:
         return tuple(directions)
 
     def _is_undetermined(self) -> np.ndarray:
-        return np.any(np.abs(self.null) > 1e-6, axis=1) | (not self.is_scaled)
+        return np.any(np.abs(self.null) > TOUCHED, axis=1) | (not self.is_scaled)
 
 
 def spread(jacobian: np.ndarray, eps: float) -> Spread:
