@@ -66,6 +66,7 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .inverse.nonlinear import fit_many as fit_many
     from .inverse.nonlinear import sample as sample
     from .inverse.problem import Problem as Problem
+    from .inverse.semi_blind import SemiBlind as SemiBlind
     from .inverse.tikhonov import Tikhonov as Tikhonov
     from .inverse.wiener import Wiener as Wiener
     from .recording import Recording as Recording
@@ -102,6 +103,7 @@ _MODULES = {
     "Recording": "recording",
     "RidgeFeature": "forward.surface_feature",
     "Scenario": "forward.scenario",
+    "SemiBlind": "inverse.semi_blind",
     "Sensor": "forward.sensor",
     "SignalToNoise": "forward.noise",
     "StripFeature": "forward.feature",

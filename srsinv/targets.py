@@ -58,6 +58,7 @@ PARTS: Mapping[str, str] = {
     "filter": "filter",
     "frictions": "friction",
     "line_effect": "film",
+    "method": "method",
     "p": "spectrum",
     "pressures": "pressure",
     "prior": "prior",

@@ -221,6 +221,7 @@ class TractionEstimate(Estimate):
     - `rig_errors` (j, c, n): errors by one standard deviation of the rig, in independent
       directions. They are in `stderr` beside `covariance`: the two have the covariance
       C + sum_j f_j f_j^T. None of a rig that is exact.
+    - `rig_sources`: the source of the error in each of these directions.
     - `mean_unobserved`: names of the components whose mean the signal does not show, so that
       `value` is the deviation from it.
     - `signal_unit`: of `fitted`. `are_cells`: whether the samples are the cells of `line`, as
@@ -241,6 +242,7 @@ class TractionEstimate(Estimate):
     mean_weights: Float[Numbers, "c n"] | None = None
     averaging: Float[Numbers, "c c n"] | None = None
     rig_errors: Float[Numbers, "j c n"] | None = None
+    rig_sources: tuple[str, ...] = eqx.field(static=True, default=())
     mean_unobserved: tuple[str, ...] = eqx.field(static=True, default=())
     signal_unit: str = eqx.field(static=True, default="1")
     are_cells: bool = eqx.field(static=True, default=True)

@@ -232,31 +232,36 @@ class Problem(eqx.Module):
         if is_estimate:
             sampled = sampled._replace(noise=noise.without_drift)
         on = on_cells(sampled, self.window_m, self.cell_m or cell_m, self.direction)
-        grid = LineProblem.of_sensor(
-            on.line,
-            on.sensor,
-            on.scan,
-            on.data,
-            on.power,
-            observed=on.observed,
-            nuisance=on.nuisance,
-            noise_scale=on.noise_scale,
-            known_mean_Pa=(0.0, None),
-            background_Pa=(self.nominal_pressure_Pa, None),
-            # By the passes back alone q is what acts in them.
-            friction=-self.friction
-            if self.friction is not None and self.direction is False
-            else self.friction,
-            passes=on.passes,
-            rig=self.rig,
-            scan_start_m=float(np.asarray(self.motion.position_m)[0]),
-            modulus_Pa=self.modulus_Pa,
-            warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
-        )
-        depth_m = float(self.sensor.depth_m)
-        if not is_estimate:
-            return with_learned_facts(grid, depth_m, noise.has_drift)
-        return with_found_noise(grid, depth_m, is_drifting)
+        # By the passes back alone q is what acts in them.
+        friction = self.friction
+        if friction is not None and self.direction is False:
+            friction = -friction
+
+        def by_rig(sensor: Sensor, rig: SensorError | None) -> LineProblem:
+            grid = LineProblem.of_sensor(
+                on.line,
+                sensor,
+                on.scan,
+                on.data,
+                on.power,
+                observed=on.observed,
+                nuisance=on.nuisance,
+                noise_scale=on.noise_scale,
+                known_mean_Pa=(0.0, None),
+                background_Pa=(self.nominal_pressure_Pa, None),
+                friction=friction,
+                passes=on.passes,
+                rig=rig,
+                scan_start_m=float(np.asarray(self.motion.position_m)[0]),
+                modulus_Pa=self.modulus_Pa,
+                warnings=(*self.warnings, *(on.passes.warnings if on.passes else ())),
+            )
+            depth_m = float(sensor.depth_m)
+            if not is_estimate:
+                return with_learned_facts(grid, depth_m, noise.has_drift)
+            return with_found_noise(grid, depth_m, is_drifting)
+
+        return with_fields(by_rig(on.sensor, self.rig), by_rig=by_rig)
 
     def of_samples(self, samples: slice) -> "Problem":
         """The same problem with these of its samples alone."""

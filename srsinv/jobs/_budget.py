@@ -15,6 +15,7 @@ from ..inverse.line.rig_bands import stderr_by_source
 from ..inverse.rig.error import (
     CALIBRATION,
     CELLS,
+    FOUND,
     MISFIT,
     NOISE,
     OTHER_MINIMUM,
@@ -37,6 +38,7 @@ NAMED = {
     MISFIT: "misfit",
     OTHER_MINIMUM: "another minimum",
     CALIBRATION: "calibration",
+    FOUND: "facts found and tolerances",
     "poisson_ratio": "Poisson's ratio",
     "youngs_modulus_Pa": "Young's modulus",
 }
@@ -89,9 +91,9 @@ def highest_budget(
 ) -> tuple[Variables, Variables]:
     """The parts of the standard errors of the highest p and q by each method, as variables, and the
     coordinate of their sources, the largest first; nothing of a rig that is exact."""
-    rig, cells, sources = problem.rig, problem.observed_cells, problem.rig_sources
+    rig, cells = problem.rig, problem.observed_cells
     by_method = {
-        name: stderr_by_source(estimate, sources)
+        name: stderr_by_source(estimate)
         if isinstance(estimate, TractionEstimate) and estimate.quality is not Quality.FAILED
         else {}
         for name, estimate in estimates.items()
@@ -100,8 +102,9 @@ def highest_budget(
     if not names:
         return {}, {}
     unknown = np.full((len(COMPONENTS), len(names) + 2), np.nan)
+    none = np.zeros((len(COMPONENTS), problem.line.n))
     each = [
-        _at_the_highest(estimates[name], [parts[source] for source in names], cells)
+        _at_the_highest(estimates[name], [parts.get(source, none) for source in names], cells)
         if parts
         else unknown
         for name, parts in by_method.items()

@@ -27,7 +27,7 @@ from ..report.answers import answer_variables
 from ..report.data import dataset, key_of, scalars
 from ..report.result import Result
 from ..report.section import sections
-from ..report.text import quantity, significant
+from ..report.text import quantity, significant, unit_of
 from ..timing import timed
 from ._budget import highest_budget
 from ._passes import pass_variables
@@ -134,6 +134,7 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
         | _highest(case, own["estimate"][1])
         | parts
         | answer_variables(estimates)
+        | _found(estimates)
         | _screened(case.screening)
         | pass_variables(case.problem, estimates)
         | scalars(_numbers(case, estimates))
@@ -147,7 +148,28 @@ def _dataset(case: InversionCase, answers: Answers[Estimate]) -> xarray.Dataset:
     if case.traction_unit != "Pa":
         attributes["is_relative"] = 1
     labels = _labels(case, list(estimates)) | sources
+    labels |= {"found": (found, "1")} if (found := _names_found(estimates)) else {}
     return dataset(variables, labels, **case.facts, **attributes, **said)
+
+
+def _names_found(estimates: Estimates) -> list[str]:
+    """The names of the facts that methods found with the traction."""
+    return list(dict.fromkeys(name for each in estimates.values() for name in each.parameters))
+
+
+def _found(estimates: Estimates) -> Variables:
+    """The facts that methods found with the traction, NaN of methods that found none."""
+    names, unknown = _names_found(estimates), (np.nan, np.nan)
+    if not names:
+        return {}
+    pairs = [[each.parameters.get(name, unknown) for name in names] for each in estimates.values()]
+    value, stderr = np.moveaxis(np.array(pairs, float), -1, 0)
+    by = "estimator", "found"
+    return {
+        "found_value": (by, value, "SI", "{found!s}_{estimator}"),
+        "found_stderr": (by, stderr, "SI", "{found!s}_stderr_{estimator}"),
+        "found_unit": ("found", [unit_of(name) for name in names], "1"),
+    }
 
 
 def _labels(case: InversionCase, names: Sequence[str]) -> Variables:

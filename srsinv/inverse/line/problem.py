@@ -6,7 +6,7 @@ Quantities that follow from its arrays alone are in model.py.
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -203,6 +203,8 @@ class LineProblem(LineModel):
       cells from the first to the last with a sample. None where only the operator is known.
     - `passes`: what averaging found, where the signals are means over passes.
     - `rig`: how well a calibration determined the sensor; None: it is taken as exact.
+    - `by_rig`: the same signals as a problem of another sensor and another error of its rig, with
+      noise that is found anew, as a [`Problem`][] has it. None: the noise stays.
     - `modulus_Pa` [Pa]: the skin's Young's modulus, as a [`Problem`][] has it.
     - `signal_unit`: of `data`; "1" where only the operator is known.
     - `rig_sources`: the source of the error in each of these directions.
@@ -240,6 +242,7 @@ class LineProblem(LineModel):
     modulus_Pa: float | None = eqx.field(static=True)
     signal_unit: str = eqx.field(static=True)
     warnings: tuple[str, ...] = eqx.field(static=True)
+    by_rig: Callable[[Sensor, SensorError | None], "LineProblem"] | None = eqx.field(static=True)
 
     def __init__(
         self,
@@ -278,7 +281,7 @@ class LineProblem(LineModel):
             forward = of_pressure(forward, friction)
             rig_changes = None if rig_changes is None else of_pressure(rig_changes, friction)
         self.rig_changes, self.rig_stretch_m = rig_changes, rig_stretch_m
-        self.rig_rows, self.rig_sources = None, tuple(rig_sources)
+        self.rig_rows, self.rig_sources, self.by_rig = None, tuple(rig_sources), None
         self.line, self.forward, self.noise, self.friction = line, forward, noise, friction
         if observed is not None:
             observed = np.asarray(observed, bool)
@@ -334,12 +337,39 @@ class LineProblem(LineModel):
         """The same problem without its sensor, so that all sensors share its compiled programs."""
         if self.sensor is None:
             return self
-        return with_fields(self, sensor=None, scan=None, scanned=None, passes=None, rig=None)
+        none = dict.fromkeys(("sensor", "scan", "scanned", "passes", "rig", "by_rig"))
+        return with_fields(self, **none)
 
     def without_warnings(self) -> "LineProblem":
         """The same problem without its warnings. Programs are compiled for each text: without
         texts, problems share them."""
-        return with_fields(self, warnings=())
+        return with_fields(self, warnings=(), by_rig=None)
+
+    def with_rig(self, sensor: Sensor, rig: SensorError | None) -> "LineProblem":
+        """The same signals as a problem of another sensor, its rig known to within `rig`."""
+        if self.by_rig is not None:
+            return self.by_rig(sensor, rig)
+        assert self.scan is not None
+        assert self.scanned is not None
+        cells = self.scanned.cells
+        return LineProblem.of_sensor(
+            self.line,
+            sensor,
+            self.scan,
+            self.data + self.mean_signal,
+            self.noise,
+            rig=rig,
+            scan_start_m=float(np.asarray(self.line.x)[cells[0]]),
+            observed=self.observed,
+            noise_scale=self.noise_scale,
+            nuisance=self.nuisance,
+            known_mean_Pa=self.known_mean_Pa,
+            background_Pa=self.background_Pa,
+            friction=self.friction,
+            passes=self.passes,
+            modulus_Pa=self.modulus_Pa,
+            warnings=self.warnings,
+        )
 
     def rig_signals(self, traction: Float[Any, "c n"]) -> Float[Numbers, "k e n"]:
         """The changes of the signals of a traction by one standard deviation of the rig, in each
@@ -397,7 +427,8 @@ class LineProblem(LineModel):
         observed = self.is_observed & cells
         both = observed, jnp.where(observed, self.data, 0.0)
         is_none = {"is_leaf": lambda leaf: leaf is None}
-        return eqx.tree_at(lambda p: (p.observed, p.data), self, both, **is_none)
+        cut = eqx.tree_at(lambda p: (p.observed, p.data), self, both, **is_none)
+        return with_fields(cut, by_rig=None)
 
     @property
     def _motion(self) -> Motion:

@@ -102,6 +102,7 @@ def pure_estimate(
         averaging=solution.averaging,
         friction=problem.friction,
         rig_errors=found.rig_errors,
+        rig_sources=problem.rig_sources,
         mean_unobserved=problem.mean_unobserved,
         signal_unit=problem.signal_unit,
         status=Status.CONVERGED,

@@ -112,13 +112,11 @@ def with_rig_errors(
     return xp.sqrt(own.astype(float) ** 2 + xp.sum(parts**2, axis=0)).astype(own.dtype)
 
 
-def stderr_by_source(
-    estimate: TractionEstimate, sources: Sequence[str]
-) -> dict[str, Float[np.ndarray, "2 n"]]:
+def stderr_by_source(estimate: TractionEstimate) -> dict[str, Float[np.ndarray, "2 n"]]:
     """The parts of the standard errors of p and q by their source, `noise` (with what the prior
-    leaves open) first: their squares add up to the square of the standard error. `sources`: of the
-    problem's rig errors. Empty where the rig is exact."""
-    moved = estimate.rig_errors
+    leaves open) first: their squares add up to the square of the standard error. Empty where the
+    rig is exact."""
+    moved, sources = estimate.rig_errors, estimate.rig_sources
     if moved is None:
         return {}
     none = np.zeros(np.asarray(moved).shape[1:])

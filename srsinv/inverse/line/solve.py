@@ -143,6 +143,7 @@ def _estimate(
                 "rig_errors": moved,
             }
         ),
+        rig_sources=problem.rig_sources,
         friction=problem.friction,
         mean_unobserved=problem.mean_unobserved,
         signal_unit=problem.signal_unit,

@@ -40,6 +40,7 @@ _ROUNDING = 1e-6  # of a correlation, as numbers written by hand have it
 _DEPTH = "depth_m"
 CALIBRATED, STATED, ASSUMED = "calibrated", "stated", "assumed"
 CALIBRATION = "calibration"  # the source of all errors that a calibration left
+FOUND = "found"  # that of facts that were found with the traction, tolerances of others among them
 NOISE = "noise"  # that of the signals' own errors
 # Those of a fit alone: the width of its cells, what it leaves, and a second minimum.
 CELLS, MISFIT, OTHER_MINIMUM = "cells", "misfit", "other_minimum"
@@ -223,7 +224,7 @@ class RigError(SensorError):
     def uncertain(self, sensor: Sensor, motion: Motion) -> "UncertainSetup | None":
         if all(origin == CALIBRATED for origin in self.origin_of.values()):
             return None
-        keeps_area = tuple(self._keeps_area(name) for name in self.names)
+        keeps_area = tuple(self.keeps_area(name) for name in self.names)
         root, values = as_real(self.root), as_real(self.values)
         return UncertainSetup(sensor, motion, self.names, keeps_area, values, root)
 
@@ -257,7 +258,7 @@ class RigError(SensorError):
                 columns[direction] += row[direction] * slope
         return columns
 
-    def _keeps_area(self, name: str) -> bool:
+    def keeps_area(self, name: str) -> bool:
         """Whether a strip's area is in what a calibration found of its gain."""
         if not name.startswith("strip_width_"):
             return False
@@ -274,7 +275,7 @@ class RigError(SensorError):
             return own
         step = STEPS.get(name, 1.0) * float(self.stderr[i])
         above, below = (
-            signal_of(Setup(sensor).changed(name, value, sign * step, self._keeps_area(name)))
+            signal_of(Setup(sensor).changed(name, value, sign * step, self.keeps_area(name)))
             for sign in (1, -1)
         )
         return (np.asarray(above) - np.asarray(below)) / (2 * step)

@@ -52,7 +52,7 @@ def test_a_rig_that_is_right_is_as_it_is_stated_and_its_bands_narrower():
     exact, told = on_cells(made, "none"), on_cells(made, "default")
     np.testing.assert_array_equal(told.forward.transfer, exact.forward.transfer)
     estimate = METHOD(told)
-    parts = stderr_by_source(estimate, told.rig_sources)
+    parts = stderr_by_source(estimate)
     total = np.sqrt(sum(part**2 for part in parts.values()))
     np.testing.assert_allclose(total, estimate.stderr, rtol=1e-6)
     # By its tolerance alone the second element's offset would be most of the error of q.
