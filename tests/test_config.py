@@ -12,7 +12,7 @@ from srsinv.__main__ import find_config_root
 from srsinv.errors import BadInput
 from srsinv.forward.skin import HalfSpace
 from srsinv.inverse.wiener import Exponential, Wiener
-from srsinv.namespaces import load_job
+from srsinv.namespaces import import_experiments, load_job
 from srsinv.targets import KINDS, check, make
 
 SPECTRUM = {"_target_": "srsinv.inverse.wiener.Exponential", "rms_Pa": 1e3, "correlation_m": 2e-3}
@@ -167,6 +167,14 @@ JOBS = {
 }
 
 
+@pytest.fixture
+def other_experiments():
+    """Experiments of other folders may be imported; the clone's own are afterwards."""
+    yield
+    import_experiments(find_config_root())
+
+
+@pytest.mark.usefixtures("other_experiments")
 @pytest.mark.parametrize("name", [*JOBS, 3, None, ["a"], {"_target_": "os.system"}], ids=str)
 def test_a_job_is_a_function_of_the_jobs_or_the_experiments(tmp_path, name):
     (tmp_path / "experiments").mkdir()
@@ -183,6 +191,7 @@ def test_a_job_is_a_function_of_the_jobs_or_the_experiments(tmp_path, name):
             load_job(name, tmp_path / "configs")
 
 
+@pytest.mark.usefixtures("other_experiments")
 def test_experiments_are_those_beside_the_configurations(tmp_path, monkeypatch):
     """And nothing else beside them is importable: a clone's other folders are no packages."""
     monkeypatch.setattr(sys, "path", [entry for entry in sys.path if entry])
