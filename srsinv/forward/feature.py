@@ -198,7 +198,7 @@ class Feature(ShapeFamily):
     def profile(self, shape: Shape) -> Pressure:
         """The profile of amplitude one."""
 
-    def canonical(self, own: dict[str, float]) -> dict[str, float]:
+    def canonical(self, own: dict[str, Any]) -> dict[str, Any]:
         """Canonical form of equivalent parameters (shape and `amplitude`)."""
         return own
 

@@ -53,7 +53,7 @@ class SemiBlind(Method):
     unknown: tuple[str, ...] = eqx.field(static=True)
     method: Method
 
-    def __init__(self, unknown: Any = UNKNOWN, method: Method | None = None):
+    def __init__(self, unknown: Any = UNKNOWN, method: Any = None):
         names = list(unknown) if isinstance(unknown, list | tuple) else []
         refuse(
             not names,

@@ -34,7 +34,7 @@ from ..estimate import averages
 from ..nonlinear import Fit, Optimistix, Solver
 from ..rig.setup import OF_CONTACT, Setup
 from .identifiability import limited_by_bounds, undetected_features
-from .loading import Features, Loading, Range, Strengths, Traction, TrialShapes
+from .loading import Features, Loading, Normal, Range, Strengths, Traction, TrialShapes
 
 CELLS_PER_EDGE = 5  # the contact beside an edge is then right to some 1e-4 of the signal
 MOVES = {"position_m", "width_m"}  # parameters that move edges
@@ -262,11 +262,11 @@ class ContactLoading(Loading):
             name: _range_around(name, whole[name]) for name in self.also if name in whole
         }
 
-    def priors(self, name: str, feature: Any, reach: float, search: Strengths) -> dict[str, Range]:
+    def priors(self, name: str, feature: Any, reach: Any, search: Strengths) -> dict[str, Normal]:
         del reach, search
         return {f"{name}.{part}": (0.0, ANY_FRICTION) for part in feature.frictions}
 
-    def common_priors(self) -> dict[str, Range]:
+    def common_priors(self) -> dict[str, Normal]:
         return dict.fromkeys(self.LINEAR, (0.0, ANY_FRICTION))
 
     def solver(self, solver: Solver | None, has_facts: bool = False) -> Solver:

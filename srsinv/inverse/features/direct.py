@@ -17,7 +17,7 @@ from ...grid import Line, as_real
 from ...numerics import shared_count
 from ..nonlinear import Fit
 from .identifiability import limited_by_bounds, undetected_features
-from .loading import Features, Loading, Range, Strengths, Traction, TrialShapes, turned
+from .loading import Features, Loading, Normal, Range, Strengths, Traction, TrialShapes, turned
 
 
 class DirectLoading(Loading):
@@ -76,7 +76,7 @@ class DirectLoading(Loading):
             for part, within in feature.ranges(stretch).items()
         }
 
-    def priors(self, name: str, feature: Any, reach: float, search: Strengths) -> dict[str, Range]:
+    def priors(self, name: str, feature: Any, reach: Any, search: Strengths) -> dict[str, Normal]:
         return {
             f"{name}.{part}": (0.0, reach / top if top > 0 else 1.0)
             for part, top in zip(feature.linear, search.strongest(feature), strict=True)

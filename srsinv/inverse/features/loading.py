@@ -23,6 +23,7 @@ FEATURES = (Feature, SurfaceFeature)
 Features = Mapping[str, Any]  # by name, all of the loading's kind
 Traction = Float[Array, "2 n"]
 Range = tuple[float, float]
+Normal = tuple[float, Any]  # mean and standard deviation of a prior
 
 
 class TrialShapes(NamedTuple):
@@ -138,8 +139,8 @@ class Loading(eqx.Module):
 
     @abc.abstractmethod
     def priors(
-        self, name: str, feature: AnyFeature, reach: float, search: "Strengths"
-    ) -> dict[str, Range]:
+        self, name: str, feature: AnyFeature, reach: Any, search: "Strengths"
+    ) -> dict[str, Normal]:
         """(mean, standard deviation) of a feature's linear parameters; `reach`: the signal at one
         standard deviation of an amplitude."""
 

@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import equinox as eqx
 import jax
@@ -28,6 +28,11 @@ from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
 from .traced import TracedFeatureEstimate, traceable, traced_estimate
 from .window import stretch_of
+
+if TYPE_CHECKING:  # of known numbers, as nearly all are
+    AnyEstimate = FeatureEstimate
+else:
+    AnyEstimate = FeatureEstimate | TracedFeatureEstimate
 
 MOST_TRENDS = 5  # that are looked for in what a fit leaves, one after the other
 
@@ -112,10 +117,10 @@ class FeatureFit(Method):
         """Whether the features act through contact."""
         return any(feature.is_of_surface for feature in self.features.values())
 
-    def __call__(self, problem: Problem | LineProblem) -> FeatureEstimate:
+    def __call__(self, problem: Problem | LineProblem) -> AnyEstimate:
         return self.candidate(self.features, problem)
 
-    def candidate(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
+    def candidate(self, features: Features, problem: Problem | LineProblem) -> AnyEstimate:
         """The fit of some of the features, or of none, to the stretch of the recording that is
         chosen for all of them."""
         if is_traced(problem):

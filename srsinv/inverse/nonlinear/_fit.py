@@ -3,7 +3,7 @@ identifiable."""
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any, cast
 
 import jax
 import numpy as np
@@ -30,7 +30,12 @@ from ._search import Objective, Search, SearchEnd
 from ._solvers import Solver
 from ._starts import starting_points, starting_rows
 from ._summary import Summary
-from ._traced import hoisted, traced_fit
+from ._traced import TracedFit, hoisted, traced_fit
+
+if TYPE_CHECKING:  # of known numbers, as nearly all are
+    AnyFit = Fit
+else:
+    AnyFit = Fit | TracedFit
 
 AT_ONCE = 8  # data whose model is one call: more of them no longer share a processor's cache
 MAX_SEARCHES = 8  # number of best starts to search from
@@ -56,7 +61,7 @@ def fit(
     solver: Solver | None = None,
     max_searches: int = MAX_SEARCHES,
     steps: Mapping[str, float] | None = None,
-) -> Fit:
+) -> AnyFit:
     """Fit the parameters of `model` to the data `y`, with their uncertainty.
 
     - `model(params)`: an array like `y`, by differentiable jax operations. A model that is the same

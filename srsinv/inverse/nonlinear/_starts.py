@@ -12,7 +12,7 @@ from ...known import array_module, is_traced
 from ._parameters import Parameters, flat_mapping, on_host, real, with_numbers
 
 
-def starting_points(given: Any, unknowns: Parameters) -> Float[np.ndarray, "s m"]:
+def starting_points(given: Any, unknowns: Parameters) -> Float[Any, "s m"]:
     """The points to start from, the first value among them.
 
     A number: that many points spread evenly over the bounds (a Sobol sequence); a mapping by name:
@@ -50,7 +50,7 @@ def starting_points(given: Any, unknowns: Parameters) -> Float[np.ndarray, "s m"
 
 def starting_rows(
     given: Mapping[str, Any] | None, unknowns: Parameters, count: int
-) -> Float[np.ndarray, "b m"] | None:
+) -> Float[Any, "b m"] | None:
     """The points to start each of `count` data from; None where all start from the first value."""
     if given is None:
         return None
