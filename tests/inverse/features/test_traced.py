@@ -72,7 +72,7 @@ def test_numbers_and_derivatives_are_those_of_known_fits():
     np.testing.assert_allclose(moved, expected, rtol=1e-6)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_sum_of_features_beside_noise_that_is_traced():
     """Two features, one after the other, in noise that jax does not know to be white."""
     problem = problem_of("strip", "hertz")

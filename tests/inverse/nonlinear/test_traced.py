@@ -12,7 +12,7 @@ from srsinv.forward.film import Film
 from srsinv.inverse.nonlinear import Optimistix, Spectrum
 from tests.differences import differences
 from tests.refusals import refused
-from tests.tiers import quick
+from tests.tiers import hardest
 
 X, NOISE = np.linspace(0.0, 1.0, 50), 0.05
 RNG = np.random.default_rng(0)
@@ -50,7 +50,7 @@ def numbers(theta, case: str):
 CASES = "prior", "level", "bound", "robust"
 
 
-@pytest.mark.parametrize("case", quick(CASES, "prior"))
+@pytest.mark.parametrize("case", hardest(CASES, ["prior"], ["level", "bound"]))
 def test_numbers_and_derivatives_are_those_of_known_fits(case):
     """By data, noise, and a prior's mean or a parameter that is known; forward and reverse. What a
     bound holds does not move."""
@@ -150,7 +150,7 @@ def log_width_error(log_depth: Any) -> Any:
     return jnp.log(srsinv.fit(signal, STRIP, signal(STRIP), noise=1e-8).stderr["width_m"])
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_the_films_depth_that_measures_a_width_best_is_found_by_newtons_steps():
     """A deep film blurs the edges. A shallow one has them within a sample, here of 0.5 mm. The
     second derivative is that of the first one's differences."""

@@ -179,7 +179,7 @@ def test_what_contradicts_the_tolerances_is_said():
     assert any("depth" in each for each in estimate.warnings)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_ridge_and_a_strip_do_not_change_places():
     """Widths of a ridge and of the strips explain the signals in two ways, 8 standard errors apart:
     the answer is the more probable one."""
