@@ -38,13 +38,13 @@ def run(cfg: config.Config) -> Result:
     )
     bins = whole("calibration_of_bands.bins", settings["bins"], "a whole number from 4", least=4)
     with config.precision(cfg):
-        methods = ranked_methods(cfg)
+        methods, study = ranked_methods(cfg), ConformalStudy.of(cfg, settings["conformal"])
         ranks: dict[str, Mapping[str, Ranks]] = {}
         with steps(f"ranks of {len(methods)} methods", methods) as each:
             for i, method in enumerate(each):
                 rng = np.random.default_rng([config.seed(cfg), i])
                 ranks[method.label] = method.ranks(rng, quick if method.is_quick else slow)
-        passes = ConformalStudy.of(cfg, settings["conformal"])()
+        passes = study()
         sensor = config.sensor(cfg)
     facts = {
         **settings["prior"],

@@ -1,7 +1,7 @@
 """Fits whose intervals are calibrated: of features, of a rig, of a pitch, of any model, and
 posterior samples."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 import srsinv
-from srsinv.errors import number_range
+from srsinv.errors import check_name, mapping, number_range
 from srsinv.forward.feature import LineFeature
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import as_real
@@ -39,9 +39,11 @@ class Ranges:
     of: Mapping[str, tuple[float, float]]
 
     @classmethod
-    def checked(cls, key: str, given: Mapping[str, Any]) -> "Ranges":
-        """Raises `BadInput` for what are no ranges."""
-        wanted = "[least, greatest]"
+    def checked(cls, key: str, given: Any, names: Sequence[str]) -> "Ranges":
+        """Raises `BadInput` for what are no ranges, and for other parameters than these."""
+        wanted = "two numbers"
+        for name in mapping(key, given):
+            check_name(key, name, names)
         return cls({
             name: number_range(f"{key}.{name}", each, wanted) for name, each in given.items()
         })  # fmt: skip

@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Float
 
 import srsinv
+from srsinv.errors import refuse
 from srsinv.forward.noise import Noise, exponential_spectrum, total_spectrum
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
@@ -88,6 +89,7 @@ class DrawnScan:
         signal = sensor.operator(line, scan)(as_real(first))
         rms = np.sqrt(np.mean(np.asarray(signal) ** 2))
         power = np.asarray(total_spectrum(noises, line, scan, rms))
+        refuse(not power.min() > 0, "There is no noise: give noise=[snr] or another one above 0.")
         return cls(line, sensor, scan, power, first)
 
     @property

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from srsinv import config
-from srsinv.errors import number, refuse
+from srsinv.errors import echo, mapping, number, refuse
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
@@ -18,6 +18,7 @@ from srsinv.inverse.features.synthetic import (
 )
 from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.wiener import Exponential
+from srsinv.report.text import listed
 
 from .fits import Ranges, RankedFit, RankedLoad, RankedPitch, RankedRig, RankedSurface
 from .inversions import (
@@ -39,7 +40,12 @@ def ranked_methods(cfg: config.Config) -> list[RankedMethod]:
 
     Raises `BadInput` for names of none, and refusals of the configuration's parts.
     """
-    every, names = list(_methods(cfg)), cfg["calibration_of_bands"]["methods"]
+    names = cfg["calibration_of_bands"]["methods"]
+    refuse(
+        not isinstance(names, list | None),
+        f"calibration_of_bands.methods is {echo(names)}: give a list of labels, or null for all.",
+    )
+    every = list(_methods(cfg))
     if names is None:
         return every
     labels = {method.label.lower(): method for method in every}
@@ -48,7 +54,7 @@ def ranked_methods(cfg: config.Config) -> list[RankedMethod]:
     refuse(
         bool(unknown) or not asked,
         f"calibration_of_bands.methods names {', '.join(unknown) or 'none'}: give some of "
-        f"{', '.join(labels)}.",
+        f"{', '.join(map(repr, labels))}.",
     )
     return [labels[each] for each in asked]
 
@@ -58,8 +64,12 @@ def _methods(cfg: config.Config) -> Iterator[RankedMethod]:
     settings = cfg["calibration_of_bands"]
     sensor, scan, noises = config.sensor(cfg), config.scan(cfg), config.noises(cfg)
     scan.require_onwards()
-    prior, line = settings["prior"], config.line(cfg)
-    spectrum = Exponential(prior["rms_Pa"], prior["correlation_m"])
+    refuse(
+        len(sensor.elements) != 2,
+        f"The sensor has {len(sensor.elements)} elements, but p and q are tested with two: give "
+        "sensor=two_element.",
+    )
+    line, spectrum = config.line(cfg), prior_spectrum(cfg)
     start = float(line.start_m)
     whole_line = Periodic(line.n, float(line.cell_m), start)
     # Of an open scan the direct path solves at most some hundred cells in no time.
@@ -89,18 +99,31 @@ def _methods(cfg: config.Config) -> Iterator[RankedMethod]:
     yield RankedFit("srsinv.sample (NUTS)", is_sampled=True, is_quick=False)
 
 
+def prior_spectrum(cfg: config.Config) -> Exponential:
+    """The spectrum of p and of q from which tractions are drawn."""
+    key, given = "calibration_of_bands.prior", cfg["calibration_of_bands"]["prior"]
+    given, wanted = mapping(key, given), "a positive number"
+    names = "rms_Pa", "correlation_m"
+    return Exponential(*(number(f"{key}.{each}", given[each], wanted, above=0) for each in names))
+
+
 def _features(
     cfg: config.Config, settings: Mapping[str, Any], sensor: Sensor, scan: ConstantSpeed
 ) -> Iterator[RankedMethod]:
     """Fits of the features that ranges are given of, and of the scene's shape."""
     key, solver = "calibration_of_bands.ranges", config.solver(cfg)
-    given = settings["ranges"]
+    given = mapping(key, settings["ranges"])
     rate = number("calibration_of_bands.sample_rate_hz", settings["sample_rate_hz"],
                   "a positive number in Hz", above=0)  # fmt: skip
     sampled = SampledScan("calibration_of_bands", rate, sensor, scan, config.noises(cfg))
     for name, feature in config.features(cfg).items():
         refuse(name not in given, f"{key} has no {name}: give the ranges of its parameters.")
-        ranges = Ranges.checked(f"{key}.{name}", given[name])
+        parts = [*feature.axes, feature.amplitude, "friction"]
+        ranges = Ranges.checked(f"{key}.{name}", given[name], parts)
+        refuse(
+            len(ranges.of) < len(parts),
+            f"{key}.{name} has no {listed(set(parts) - set(ranges.of))}: give a range of each.",
+        )
         on = SyntheticScan.along(config.line(cfg), sampled)
         fitter = FeatureFitter.along(sensor, on.motion, solver)
         yield RankedLoad(
@@ -115,7 +138,9 @@ def _features(
         shape.name not in given, f"{key} has no {shape.name}: give the ranges of its parameters."
     )
     line = config.line(cfg)
-    half = line.n * float(line.cell_m) / 2 * settings["surface_window"]
+    part = number("calibration_of_bands.surface_window", settings["surface_window"],
+                  "a positive number", above=0)  # fmt: skip
+    half = line.n * float(line.cell_m) / 2 * part
     known = KnownShape.in_window(shape, sampled, Window(-half, half), solver)
-    ranges = Ranges.checked(f"{key}.{shape.name}", given[shape.name])
+    ranges = Ranges.checked(f"{key}.{shape.name}", given[shape.name], list(shape.truth))
     yield RankedSurface(f"Fit of a {shape.name.replace('_', ' ')}", known, ranges)

@@ -8,17 +8,17 @@ import numpy as np
 
 import srsinv
 from srsinv import config
-from srsinv.errors import number, whole
+from srsinv.errors import mapping, number, whole
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Periodic
 from srsinv.inverse.conformal import widened
 from srsinv.inverse.estimate import TractionEstimate
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.rig.setup import Setup
-from srsinv.inverse.wiener import Exponential
 from srsinv.report.data import scalars
 
 from .inversions import DrawnScan, DrawnTraction, Traction
+from .methods import prior_spectrum
 
 CONFIDENCE, SHARE = 0.9, 0.9
 
@@ -43,6 +43,7 @@ class ConformalStudy:
     def of(cls, cfg: config.Config, given: Mapping[str, Any]) -> "ConformalStudy":
         """The study by the configuration's sensor, whose true depth is another one."""
         key = "calibration_of_bands.conformal"
+        given = mapping(key, given)
         wanted = "a whole number from 9"
         passes = whole(f"{key}.passes", given["passes"], wanted, least=9)
         repeats = whole(f"{key}.repeats", given["repeats"], "a whole number from 4", least=4)
@@ -53,8 +54,7 @@ class ConformalStudy:
             least=-0.5,
             most=0.5,
         )
-        prior, line = cfg["calibration_of_bands"]["prior"], config.line(cfg)
-        spectrum = Exponential(prior["rms_Pa"], prior["correlation_m"])
+        line, spectrum = config.line(cfg), prior_spectrum(cfg)
         stated = config.sensor(cfg)
         depth = float(stated.depth_m)
         true = Setup(stated).changed("depth_m", depth, error * depth).sensor

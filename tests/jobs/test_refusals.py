@@ -96,6 +96,8 @@ REFUSALS = {
 }  # fmt: skip
 OF_EXPERIMENTS = {
     **{f"experiment={each.split('.')[0].split('=')[0]} {each}": [] for each in (
+        "calibration_of_bands.prior.rms_Pa=-1", "calibration_of_bands.methods=[nobody]",
+        "calibration_of_bands.conformal.passes=3", "calibration_of_bands.ranges=null",
         "circular_scan=null", "circular_scan.ridge=null", "circular_scan.angles_deg=[a]",
         "circular_scan.angles_deg=[nan]", "circular_scan.angles_deg=[[1,2]]",
         "circular_scan.shown_deg=null", "circular_scan.gain_angles=-1",
