@@ -1,5 +1,5 @@
-"""Fits whose intervals are calibrated: of features, of a rig, of a pitch, of any model, and
-posterior samples."""
+"""Fits whose intervals are calibrated: of features, of a pitch, of any model, and posterior
+samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -12,15 +12,9 @@ from jaxtyping import Array, Float
 
 import srsinv
 from srsinv.errors import check_name, mapping, number_range
-from srsinv.forward.feature import LineFeature
-from srsinv.forward.sensor import Sensor
 from srsinv.grid import as_real
 from srsinv.inverse.board.pitch import drift, scan_pitch, waves
-from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.features.synthetic import KnownLoad, KnownShape, known_noise
-from srsinv.inverse.problem import Problem
-from srsinv.inverse.rig.calibration import calibrate
-from srsinv.inverse.rig.setup import Setup
 
 from .ranks import RankedMethod, Ranks, drawn, normal_rank
 
@@ -99,54 +93,8 @@ class RankedSurface(RankedMethod):
         return drawn(one, draws)
 
 
-RIG_SAMPLES, RIG_LENGTH_M, RIG_RATE_HZ = 800, 0.016, 2e3
-RIG_RANGES = Ranges({"depth_m": (0.95, 1.05), "gain_1": (0.9, 1.1), "gain_2": (0.9, 1.1),
-                     "angle_2_deg": (-3.0, 3.0)})  # fmt: skip
-RIG_LOAD, RIG_FRICTION, RIG_NOISE = 10.0, 0.4, 3e-3
-
-
-@dataclass(frozen=True)
-class RankedRig(RankedMethod):
-    """The calibration of a rig on a known line load: of a sensor whose depth, gains and angle
-    differ from the stated ones."""
-
-    sensor: Sensor
-    speed_m_per_s: float
-    label: str = "Calibration of a rig"
-    is_quick: bool = False
-
-    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
-        start, rate = -RIG_LENGTH_M / 2, self.speed_m_per_s * RIG_SAMPLES / RIG_LENGTH_M
-        motion = srsinv.Motion.from_speed(np.arange(RIG_SAMPLES) / rate, self.speed_m_per_s, start)
-        stated = {"depth_m": float(self.sensor.depth_m), "gain_1": 1.0, "gain_2": 1.0}
-        angle = float(np.rad2deg(self.sensor.elements[1].angle_rad))
-        feature, held = LineFeature(), {"load_N_per_m": RIG_LOAD, "position_m": 0.0}
-        held |= {"base_friction": RIG_FRICTION}
-
-        def signal(setup: Setup) -> Float[np.ndarray, "e sample"]:
-            model = FeatureModel.along(setup.sensor, motion).with_features({"line": feature})
-            own = {"load_N_per_m": RIG_LOAD, "shear_N_per_m": RIG_FRICTION * RIG_LOAD}
-            return np.asarray(model({"line": {"position_m": as_real(0.0)} | _real(own)}))
-
-        level = RIG_NOISE * np.sqrt(np.mean(signal(Setup(self.sensor)) ** 2))
-
-        def one() -> dict[str, float]:
-            factors, setup = RIG_RANGES.draw(rng), Setup(self.sensor)
-            truth = {name: factors[name] * value for name, value in stated.items()}
-            truth["angle_2_deg"] = angle + factors["angle_2_deg"]
-            for name in ("depth_m", "angle_2_deg"):
-                value = stated.get(name, angle)
-                setup = setup.changed(name, value, truth[name] - value)
-            gains = np.array([[truth["gain_1"]], [truth["gain_2"]]])
-            clean = gains * signal(setup)
-            y = clean + level * rng.standard_normal(clean.shape)
-            found = calibrate(Problem(self.sensor, motion, y, level), feature, held)
-            return parameter_ranks(truth, found.parameters)
-
-        return drawn(one, draws)
-
-
-def _real(values: Mapping[str, float]) -> dict[str, Array]:
+def real(values: Mapping[str, float]) -> dict[str, Array]:
+    """The values as arrays of jax."""
     return {name: as_real(value) for name, value in values.items()}
 
 
@@ -203,7 +151,7 @@ class RankedFit(RankedMethod):
 
         def one() -> dict[str, float]:
             truth = DECAY_RANGES.draw(rng)
-            y = np.asarray(model(_real(truth))) + noise * rng.standard_normal(DECAY_SAMPLES)
+            y = np.asarray(model(real(truth))) + noise * rng.standard_normal(DECAY_SAMPLES)
             fit = srsinv.fit(model, {"a": 1.0, "k": 3.0, "c": 0.0}, y, noise=noise, bounds=ranges)
             if not self.is_sampled:
                 return {

@@ -20,7 +20,7 @@ from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.wiener import Exponential
 from srsinv.report.text import listed
 
-from .fits import Ranges, RankedFit, RankedLoad, RankedPitch, RankedRig, RankedSurface
+from .fits import Ranges, RankedFit, RankedLoad, RankedPitch, RankedSurface
 from .inversions import (
     DrawnScan,
     RankedAdmissible,
@@ -31,6 +31,7 @@ from .inversions import (
     TimedScan,
 )
 from .ranks import RankedMethod
+from .rigs import RankedDirection, RankedFacts, RankedRig
 
 BROKEN = "bands too narrow on purpose"
 
@@ -94,6 +95,8 @@ def _methods(cfg: config.Config) -> Iterator[RankedMethod]:
     yield RankedLinear("LinearProblem, spectral", "spectral")
     yield from _features(cfg, settings, sensor, scan)
     yield RankedRig(sensor, float(scan.speed_m_per_s))
+    yield RankedFacts(sensor, scan, spectrum)
+    yield RankedDirection(sensor)
     yield RankedPitch()
     yield RankedFit("srsinv.fit", is_sampled=False, is_quick=True)
     yield RankedFit("srsinv.sample (NUTS)", is_sampled=True, is_quick=False)

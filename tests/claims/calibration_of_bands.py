@@ -30,6 +30,8 @@ SLOW_METHODS = (
     "Wiener, admissible",
     "Fit of a ridge",
     "Calibration of a rig",
+    "Semi-blind",
+    "Direction of a ridge",
     "srsinv.sample (NUTS)",
 )
 OTHER_RULES = ("aicc", "discrepancy", "l_curve", "ncp", "quasi_optimality")
