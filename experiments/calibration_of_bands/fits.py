@@ -16,7 +16,7 @@ from srsinv.grid import as_real
 from srsinv.inverse.board.pitch import drift, scan_pitch, waves
 from srsinv.inverse.features.synthetic import KnownLoad, KnownShape, known_noise
 
-from .ranks import RankedMethod, Ranks, drawn, normal_rank
+from .ranks import RankedMethod, Ranks, by_quantity, drawn, normal_rank
 
 Parameters = Mapping[str, tuple[float, float]]
 
@@ -67,8 +67,8 @@ class RankedLoad(RankedMethod):
         signals = np.array([known.signal(truth) for truth in truths])
         ys = signals + level * rng.standard_normal(signals.shape)
         fits = known.fitter.estimates(known.name, known.feature, ys, known_noise(known.power))
-        each = [parameter_ranks(t, f.parameters) for t, f in zip(truths, fits, strict=True)]
-        return {name: np.array([ranks[name] for ranks in each]) for name in truths[0]}
+        each = zip(truths, fits, strict=True)
+        return by_quantity([parameter_ranks(truth, fit.parameters) for truth, fit in each])
 
 
 @dataclass(frozen=True)
@@ -154,10 +154,8 @@ class RankedFit(RankedMethod):
             y = np.asarray(model(real(truth))) + noise * rng.standard_normal(DECAY_SAMPLES)
             fit = srsinv.fit(model, {"a": 1.0, "k": 3.0, "c": 0.0}, y, noise=noise, bounds=ranges)
             if not self.is_sampled:
-                return {
-                    name: float(normal_rank(truth[name], fit.value[name], fit.stderr[name]))
-                    for name in truth
-                }
+                each = {name: (fit.value[name], fit.stderr[name]) for name in truth}
+                return parameter_ranks(truth, each)
             samples = srsinv.sample(
                 fit, draws=250, chains=2, warmup=200, seed=int(rng.integers(2**31))
             )

@@ -7,7 +7,7 @@ of them. The rank of a truth in a normal posterior is Phi((truth - value) / stde
 """
 
 import abc
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,7 +37,11 @@ class RankedMethod(abc.ABC):
 
 def drawn(one: Callable[[], Mapping[str, float]], draws: int) -> dict[str, Ranks]:
     """The ranks of draws that are made one by one."""
-    each = [one() for _ in range(draws)]
+    return by_quantity([one() for _ in range(draws)])
+
+
+def by_quantity(each: Sequence[Mapping[str, float]]) -> dict[str, Ranks]:
+    """The ranks of several draws, by quantity."""
     return {name: np.array([ranks[name] for ranks in each]) for name in each[0]}
 
 

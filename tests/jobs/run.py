@@ -38,6 +38,11 @@ def short_run(name: str) -> Result:
     return outcome(*short_form(name))
 
 
+def short_outcome(name: str, *overrides: str) -> Result:
+    """What the short form `name` returns with further overrides."""
+    return outcome(*short_form(name), *overrides)
+
+
 def command(folder: Path | str, *overrides: str) -> int:
     """The exit code of `srsinv OVERRIDES`, its results in `folder`."""
     return main([*overrides, f"hydra.run.dir={folder}"])

@@ -4,16 +4,12 @@ import numpy as np
 import pytest
 
 from tests.golden.check import golden_test
-from tests.jobs.run import check_page, outcome, short_form, short_run, words
+from tests.jobs.run import check_page, short_outcome, short_run, words
 from tests.refusals import refused
 
 FORMS = ("design", "design_ridge")
 
 test_nothing_has_moved = golden_test(FORMS)
-
-
-def run(name, *overrides):
-    return outcome(*short_form(name), *overrides)
 
 
 @pytest.mark.full
@@ -42,7 +38,7 @@ def test_optimum_is_within_the_bounds_and_better():
 @pytest.mark.full
 def test_slope_at_the_cover_is_what_less_cover_gains():
     before, step = short_run("design").metrics, 1e-5
-    after = run("design", f"design.depth_m=[{5e-4 - step},0.002]").metrics
+    after = short_outcome("design", f"design.depth_m=[{5e-4 - step},0.002]").metrics
     gain = (before["error_optimum"] - after["error_optimum"]) / step
     assert gain == pytest.approx(before["error_per_depth_1"], rel=0.02)
 
@@ -85,4 +81,4 @@ REFUSED = [
 @pytest.mark.full
 @pytest.mark.parametrize(("overrides", "said"), REFUSED)
 def test_refusals(overrides, said):
-    refused(lambda: run("design", *overrides), said)
+    refused(lambda: short_outcome("design", *overrides), said)

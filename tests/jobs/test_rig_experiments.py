@@ -6,7 +6,7 @@ from scipy.optimize import brentq
 
 from srsinv.errors import BadInput
 from tests.golden.check import golden_test
-from tests.jobs.run import check_page, outcome, short_form, short_run
+from tests.jobs.run import check_page, short_outcome, short_run
 from tests.tiers import quick
 
 FORMS = ("fig08_knife_edge", "frequency_response", "linearity")
@@ -16,11 +16,6 @@ test_nothing_has_moved = golden_test(FORMS)
 HALF_SPACE = ("effects=[strip_width]",)
 CORELESS = "effects=[strip_width] linearity.controls=[displacement]"
 LINE_LOAD = "frequency_response.radius_m=0 frequency_response.drives=[displacement]"
-
-
-def run(name, *overrides):
-    """The outcome of an experiment in its short form."""
-    return outcome(*short_form(name), *overrides)
 
 
 @pytest.mark.full
@@ -33,7 +28,7 @@ def test_page_is_whole(name):
 def test_the_curve_is_that_of_sliding_and_of_the_line_load():
     """Without effects in the skin the rig is theory, but for the edge's radius."""
     own = "sensor.depth_m=0.001", "fig08_knife_edge.directions_deg=[-45,0,30]", "noise=[]"
-    result = run("fig08_knife_edge", *HALF_SPACE, *own)
+    result = short_outcome("fig08_knife_edge", *HALF_SPACE, *own)
     for angle in (-45, 0, 30):
         assert result.metrics[f"mirror_error_{angle}_deg"] < 1e-6
         assert result.metrics[f"fitted_amplitude_{angle}_deg"] == pytest.approx(1, abs=1e-3)
@@ -78,7 +73,7 @@ def test_the_edge_that_leaves_the_skin():
     """A line load given by a sine, F >= 0: with c = preload/amplitude the first harmonic is
     1/2 + (asin c + c sqrt(1 - c^2))/pi of it, and proportional up to the preload."""
     own = "linearity.radii_m=[0]", "linearity.controls=[load]", "linearity.amplitude_range=[0.01,8]"
-    result = run("linearity", *HALF_SPACE, *own)
+    result = short_outcome("linearity", *HALF_SPACE, *own)
     amplitude = result.dataset["amplitude"].values
     c = np.minimum(1 / amplitude, 1)
     expected = 0.5 + (np.arcsin(c) + c * np.sqrt(1 - c**2)) / np.pi
@@ -121,4 +116,4 @@ REFUSED = [
 @pytest.mark.parametrize(("name", "override", "words"), quick(REFUSED, *REFUSED[::7]))
 def test_refused(name, override, words):
     with pytest.raises(BadInput, match=words):
-        run(name, *override.split())
+        short_outcome(name, *override.split())

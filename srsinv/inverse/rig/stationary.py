@@ -48,7 +48,7 @@ DEPTH = "depth_m"
 FARTHEST = {"depth": np.log(3.3), "gain": np.log(5.0), "angle": np.pi / 3}
 
 
-class Parameters(NamedTuple):
+class EvidenceParameters(NamedTuple):
     """What the signals' covariance follows from: the `unknown` facts (log of depth and gains over
     what is stated, angles [rad] beside it), the `facts` (j,) in standard deviations of what is
     stated, coefficients of log `spectra` (c K), the area tangent of p's and q's `coherence`, half
@@ -79,7 +79,7 @@ class Stretches(NamedTuple):
     colour: Float[Any, "e l"]
 
 
-class Blocks(NamedTuple):
+class StretchBlocks(NamedTuple):
     """How cells of a line are gathered: `cells` a block, `per_stretch` blocks a stretch, and so
     many `stretches` from the cell `first` on; the traction has `fine` steps to a cell."""
 
@@ -90,7 +90,7 @@ class Blocks(NamedTuple):
     fine: int
 
     @classmethod
-    def of(cls, problem: LineProblem, depth_m: float) -> "Blocks":
+    def of(cls, problem: LineProblem, depth_m: float) -> "StretchBlocks":
         """Those of a problem's scan."""
         at = np.flatnonzero(problem.observed_cells)
         cell = float(problem.line.cell_m)
@@ -116,7 +116,7 @@ class Blocks(NamedTuple):
         return np.cos(np.outer(k * cell_m, each)).mean(axis=-1)
 
 
-def stretches_of(problem: LineProblem, blocks: Blocks) -> Stretches:
+def stretches_of(problem: LineProblem, blocks: StretchBlocks) -> Stretches:
     """The signals of a problem in blocks."""
     power = np.broadcast_to(
         np.asarray(problem.noise, float), (len(problem.data), problem.line.k.size)
@@ -154,7 +154,7 @@ def stretches_of(problem: LineProblem, blocks: Blocks) -> Stretches:
 
 class StationaryEvidence(eqx.Module):
     """Minus the logarithm of the evidence, with the priors of facts and spectra, as a function of
-    the row of all [`Parameters`][].
+    the row of all [`EvidenceParameters`][].
 
     - `sensor`, `scan`, `friction` as stated; `unknown`: names of the unknown facts, as
       [`Setup.changed`][] has them, of the stated `values`; `facts`: names of those with
@@ -193,7 +193,7 @@ class StationaryEvidence(eqx.Module):
         assert sensor is not None
         assert scan is not None
         depth, cell = float(sensor.depth_m), float(problem.line.cell_m)
-        blocks = Blocks.of(problem, depth)
+        blocks = StretchBlocks.of(problem, depth)
         stretches, step = stretches_of(problem, blocks), cell / blocks.fine
         stride = blocks.cells * blocks.fine
         size = 2 * blocks.per_stretch * stride
@@ -214,21 +214,23 @@ class StationaryEvidence(eqx.Module):
         return eqx.tree_at(lambda m: m.unit, model, jnp.asarray(_unit(model)))
 
     @property
-    def sizes(self) -> Parameters:
+    def sizes(self) -> EvidenceParameters:
         """How many parameters there are of each kind."""
         e, c = len(self.stretches.level), self.unit.size
         has_colour = self.stretches.colour.shape[1] > 0
-        return Parameters(
+        return EvidenceParameters(
             len(self.unknown), self.root.shape[1], c * self.basis.shape[1], int(c == 2), e,
             int(has_colour),
         )  # fmt: skip
 
-    def parted(self, x: Float[Any, " m"]) -> Parameters:
+    def parted(self, x: Float[Any, " m"]) -> EvidenceParameters:
         """A row of parameters by kind."""
         ends = np.cumsum(self.sizes)
-        return Parameters(*(x[end - n : end] for n, end in zip(self.sizes, ends, strict=True)))
+        return EvidenceParameters(
+            *(x[end - n : end] for n, end in zip(self.sizes, ends, strict=True))
+        )
 
-    def setup(self, of: Parameters) -> Setup:
+    def setup(self, of: EvidenceParameters) -> Setup:
         """The rig of these parameters."""
         setup, changes = Setup(self.sensor), self.root @ of.facts
         for i, name in enumerate(self.facts):
@@ -243,7 +245,7 @@ class StationaryEvidence(eqx.Module):
             return by * (180 / np.pi)
         return self.values[i] * jnp.expm1(by)
 
-    def gain(self, of: Parameters) -> Complex[Array, "e c k"]:
+    def gain(self, of: EvidenceParameters) -> Complex[Array, "e c k"]:
         """The response of the blocks' means, in units of the white noise of a cell."""
         setup = self.setup(of)
         stage = setup.sensor.output(self.scan.scaled(setup.speed))
@@ -252,7 +254,7 @@ class StationaryEvidence(eqx.Module):
             transfer = transfer[:, :1] + self.friction * transfer[:, 1:]
         return transfer * (self.averaging[None] / self.stretches.level[:, None])[:, None]
 
-    def tilt(self, of: Parameters) -> Float[Array, "1 b"]:
+    def tilt(self, of: EvidenceParameters) -> Float[Array, "1 b"]:
         """What is added to the coefficients of log S with the depth, as waves decay by exp(-2kz):
         signals then change little with the depth, and searches take few steps."""
         deeper = jnp.zeros(())
@@ -260,11 +262,11 @@ class StationaryEvidence(eqx.Module):
             deeper = jnp.expm1(of.unknown[self.unknown.index(DEPTH)])
         return (deeper * self.decay)[None]
 
-    def coefficients(self, of: Parameters) -> Float[Array, "c b"]:
+    def coefficients(self, of: EvidenceParameters) -> Float[Array, "c b"]:
         """The coefficients of log S."""
         return of.spectra.reshape(self.unit.size, -1) + self.tilt(of)
 
-    def spectra(self, of: Parameters) -> Float[Array, "c c k"]:
+    def spectra(self, of: EvidenceParameters) -> Float[Array, "c c k"]:
         """The spectra of p and q and their cross spectrum."""
         logs = self.coefficients(of) @ self.basis.T
         roots = jnp.exp(logs / 2) * jnp.sqrt(self.unit)[:, None]
@@ -273,7 +275,7 @@ class StationaryEvidence(eqx.Module):
             coherence = coherence + jnp.tanh(of.coherence) * (1 - coherence)
         return roots[:, None] * roots[None] * coherence[..., None]
 
-    def signal_covariance(self, of: Parameters) -> Float[Array, "e e l"]:
+    def signal_covariance(self, of: EvidenceParameters) -> Float[Array, "e e l"]:
         """The covariance of the traction's signals in blocks, over a circle of twice as many lags
         as a stretch has."""
         gain = self.gain(of)
@@ -281,7 +283,9 @@ class StationaryEvidence(eqx.Module):
         size = 2 * (self.k.size - 1)
         return jnp.fft.irfft(power, size)[..., :: self.stride] / self.step_m
 
-    def covariance(self, of: Parameters) -> tuple[Float[Array, "e m f m"], Float[Array, "e m m"]]:
+    def covariance(
+        self, of: EvidenceParameters
+    ) -> tuple[Float[Array, "e m f m"], Float[Array, "e m m"]]:
         """The covariances of the signals of a stretch, and of the noise of each element, its scale
         aside."""
         signal = self.signal_covariance(of)
@@ -289,7 +293,7 @@ class StationaryEvidence(eqx.Module):
         lags = (np.arange(m)[:, None] - np.arange(m)) % (2 * m)
         return jnp.swapaxes(signal[..., lags], 1, 2), self._noise(of, lags)
 
-    def _noise(self, of: Parameters, lags: np.ndarray) -> Float[Array, "e m m"]:
+    def _noise(self, of: EvidenceParameters, lags: np.ndarray) -> Float[Array, "e m m"]:
         """The covariance of the noise of each element in blocks."""
         own = jnp.eye(len(lags))[None] / self.block_cells
         own = jnp.broadcast_to(own, (len(of.white), *lags.shape))
@@ -297,7 +301,7 @@ class StationaryEvidence(eqx.Module):
             own = own + jnp.exp(2 * of.colour) * self.stretches.colour[:, lags]
         return jnp.exp(2 * of.white)[:, None, None] * own
 
-    def of_stretch(self, of: Parameters, one: Any) -> Float[Array, "em em"]:
+    def of_stretch(self, of: EvidenceParameters, one: Any) -> Float[Array, "em em"]:
         """The covariance of one stretch: of variance one, alone, where a block is missing."""
         signal, noise = self.covariance(of)
         _, observed, scale, columns = one
@@ -324,7 +328,7 @@ class StationaryEvidence(eqx.Module):
 
         return jnp.sum(jax.lax.map(value, self._each)) + jnp.sum(self.priors(of) ** 2) / 2
 
-    def priors(self, of: Parameters) -> Float[Array, " r"]:
+    def priors(self, of: EvidenceParameters) -> Float[Array, " r"]:
         """What is known beforehand, as numbers of variance one."""
         each = self.coefficients(of)
         return jnp.concatenate([
