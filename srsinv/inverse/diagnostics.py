@@ -423,6 +423,14 @@ def undetermined_weights(status: Status) -> Sequence[str]:
             "determine it. Set the weight.",)  # fmt: skip
 
 
+def too_long_correlation() -> Sequence[str]:
+    """Warning on a correlation length that is longer than the data's."""
+    return (
+        "The data favour a shorter correlation length than the stated one, so the bands are too "
+        "narrow. Set correlation=evidence, or state a shorter correlation_m.",
+    )
+
+
 def not_for_bands(rule: str) -> Sequence[str]:
     """Warning on the bands of weights that this rule has chosen, whose 90 % bands held 36 to 80 %
     of truths from the prior (`experiment=calibration_of_bands`)."""

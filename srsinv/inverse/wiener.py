@@ -1,7 +1,7 @@
 """The Wiener filter, the paper's (15): noise and traction spectra given."""
 
 import abc
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, overload
 
 import equinox as eqx
@@ -9,18 +9,18 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from ..errors import choice, number, of_kind, refuse
+from ..errors import BadInput, choice, number, of_kind, refuse
 from ..forward.noise import exponential_spectrum
 from ..grid import Line, as_real, half_spectrum_weights
 from ..known import array_module, as_number, by_numpy, is_traced, namespace
 from ..status import Status
-from .diagnostics import undetermined_weights
+from .diagnostics import too_long_correlation, undetermined_weights
 from .estimate import Estimate, Numbers, TractionEstimate
 from .line.constrained import constrained
 from .line.constraint import Constraint, checked_constraint, refuse_constraint
 from .line.prior import Prior
 from .line.problem import LineProblem
-from .line.rule import Evidence, to_score
+from .line.rule import Choice, Evidence, to_score
 from .line.scorer import Family, LineScorer
 from .line.solve import PATHS, conditioned, solve
 from .linear.estimate import LinearEstimate
@@ -34,12 +34,29 @@ from .problem import Problem
 class TractionSpectrum(eqx.Module):
     """Base of traction spectra: the power per cell [Pa^2] of one component at a line's wavenumbers.
 
-    `power` is to be defined.
+    `power` is to be defined; `length_m` and `stretched`, too, where the spectrum has a correlation
+    length.
     """
+
+    @property
+    def length_m(self) -> Any:
+        """The correlation length [m]; None where the spectrum has none."""
+        return None
 
     @abc.abstractmethod
     def power(self, problem: LineProblem) -> Float[Any, " k"]:
         """S at the line's wavenumbers."""
+
+    def stretched(self, factor: Any) -> "TractionSpectrum":
+        """The spectrum of the same rms whose correlation length is `factor` times as long.
+
+        Raises `BadInput` where a spectrum has no such length.
+        """
+        del factor
+        raise BadInput(
+            f"{type(self).__name__} has no correlation length: give correlation=given, or an "
+            "Exponential spectrum."
+        )
 
 
 def _positive(name: str, value) -> Float[Array, ""]:
@@ -56,9 +73,16 @@ class Exponential(TractionSpectrum):
         self.rms_Pa = _positive("rms_Pa", rms_Pa)
         self.correlation_m = _positive("correlation_m", correlation_m)
 
+    @property
+    def length_m(self) -> Any:
+        return self.correlation_m
+
     def power(self, problem: LineProblem) -> Float[Any, " k"]:
         line = problem.line
         return self.rms_Pa**2 * exponential_spectrum(line.k, line.cell_m, self.correlation_m)
+
+    def stretched(self, factor: Any) -> "Exponential":
+        return eqx.tree_at(lambda of: of.correlation_m, self, self.correlation_m * factor)
 
 
 class Flat(TractionSpectrum):
@@ -119,6 +143,47 @@ class ScaledSpectra(Family):
         return SpectralPrior(10.0 ** xp.asarray(log_weights)[:, None] * self.power)
 
 
+class StretchedSpectra(Family):
+    """Given spectra, each multiplied by a factor, all correlation lengths by another one, the last
+    of the logarithms.
+
+    The factors are of the power of waves shorter than the correlation length, which the data show
+    best, and better than rms and length apart.
+    """
+
+    sign: ClassVar[int] = -1
+    has_shape: ClassVar[bool] = True
+    spectra: tuple[TractionSpectrum, ...]
+    problem: LineProblem
+
+    def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
+        xp = array_module(log_weights, self.spectra, self.problem)
+        *factors, stretch = 10.0 ** xp.asarray(log_weights)
+        power = [each.stretched(stretch).power(self.problem) for each in self.spectra]
+        return SpectralPrior(
+            xp.stack([f * stretch * s for f, s in zip(factors, power, strict=True)])
+        )
+
+    def box(self) -> Float[Array, "2 1"]:
+        """The range of the last logarithm: lengths that a line can show.
+
+        Below a quarter of a cell the traction is white, above a quarter of the line it has the
+        power law of short waves alone.
+
+        Raises `BadInput` where a spectrum has no correlation length.
+        """
+        lengths = [each.stretched(1.0).length_m for each in self.spectra]
+        line = self.problem.line
+        ends = jnp.stack([jnp.asarray(line.cell_m), line.n * jnp.asarray(line.cell_m)]) / 4
+        middle = sum(jnp.log10(each) for each in lengths) / len(lengths)
+        return (jnp.log10(ends) - middle)[:, None]
+
+
+LEVELS = ("given", "evidence")
+SHORTER = 0.25  # of a correlation length, at which the evidence for a shorter one is looked for
+STRONG = 3.0  # gain in log evidence, a ratio of 20, that is called strong (Kass and Raftery 1995)
+
+
 class Wiener(Method):
     """Wiener's filter: the posterior mean of p and q under Gaussian priors of stated spectra.
 
@@ -128,6 +193,9 @@ class Wiener(Method):
       default with 1500 Pa and 2 mm; p and q are taken as independent.
     - `scale`: "given" takes their levels as they are; "evidence" multiplies each by the number
       under which the data are most likely.
+    - `correlation`: "given" takes their correlation lengths as they are; "evidence", beside
+      scale="evidence", multiplies both by the number under which the data are most likely. Take it
+      where a texture may be finer than the stated length: bands are too narrow there.
     - `path`, `tolerance`: see [`solve`][srsinv.inverse.line.solve.solve].
     - `constraint`: what is known beside the spectra, as `srsinv.Admissible()`, with which p and q
       are the most probable admissible ones. None: nothing.
@@ -141,6 +209,7 @@ class Wiener(Method):
     p: TractionSpectrum
     q: TractionSpectrum
     scale: str = eqx.field(static=True)
+    correlation: str = eqx.field(static=True)
     path: str = eqx.field(static=True)
     tolerance: float = eqx.field(static=True)
     constraint: Constraint
@@ -153,9 +222,15 @@ class Wiener(Method):
         path: Any = "auto",
         tolerance: Any = 1e-10,
         constraint: Any = None,
+        correlation: Any = "given",
     ):
         self.p, self.q = _spectrum("p", p), _spectrum("q", q)
-        self.scale = choice("method.wiener.scale", scale, ("given", "evidence"))
+        self.scale = choice("method.wiener.scale", scale, LEVELS)
+        self.correlation = choice("method.wiener.correlation", correlation, LEVELS)
+        refuse(
+            self.correlation == "evidence" and self.scale == "given",
+            "correlation=evidence needs scale=evidence: give both.",
+        )
         self.path = choice("method.wiener.path", path, PATHS)
         key, wanted = "method.wiener.tolerance", "a positive number below 1"
         self.tolerance = number(key, tolerance, wanted, above=0, below=1)
@@ -170,15 +245,20 @@ class Wiener(Method):
         if isinstance(problem, LinearProblem):
             return self._linear(problem)
         problem = problem.to_grid()
-        power = self.spectra(problem)
         if self.scale == "given":
-            return self._solved(problem, power, Status.GIVEN)
-        scale, status = _likely_scale(problem, power, self.path)
-        xp = array_module(scale, power)
-        scaled = xp.asarray(scale)[:, None] * xp.asarray(power)
-        return conditioned(
-            lambda decades: self._solved(problem, as_real(scaled / 10**decades), status)
-        )
+            return self._solved(problem, self.spectra(problem))
+        chosen, family = self._likely(problem), self._family(problem)
+        power, stats = family(chosen.log_weights).power, {"scale_rule": chosen.status}
+        warnings = undetermined_weights(chosen.status)
+        if family.has_shape:
+            stats["correlation_factor"] = as_number(10.0 ** chosen.log_weights[-1])
+        elif not is_traced(problem, chosen) and self._is_too_long(problem, chosen):
+            warnings = (*warnings, *too_long_correlation())
+
+        def weakened(decades: float) -> Estimate:
+            return self._solved(problem, as_real(power / 10**decades), stats, warnings)
+
+        return conditioned(weakened)
 
     def _linear(self, problem: LinearProblem) -> LinearEstimate:
         """The posterior of a linear problem under its prior."""
@@ -193,19 +273,55 @@ class Wiener(Method):
         how = self.path, self.tolerance, stats
         return solve_linear(problem, Regularisation(weight, Evidence(), 0, *how))
 
+    def _family(self, problem: LineProblem) -> ScaledSpectra | StretchedSpectra:
+        """The spectra that the evidence chooses from."""
+        if self.correlation == "given":
+            return ScaledSpectra(self.spectra(problem))
+        return StretchedSpectra((self.p, self.q)[: problem.unknowns], problem.without_warnings())
+
+    def _likely(self, problem: LineProblem) -> Choice:
+        """The log10 numbers of greatest evidence, within six decades about the data's level."""
+        family, power = self._family(problem), self.spectra(problem)
+        middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
+        box = jnp.stack([middle - 6, middle + 6])
+        if isinstance(family, StretchedSpectra):
+            box = jnp.concatenate([box, family.box()], axis=1)
+        problem = to_score(problem, family, box, self.path)
+        chosen = Evidence().choose(LineScorer(family, problem, self.path), box)
+        if not family.has_shape or is_traced(chosen, box):
+            return chosen
+        # A length at an end is a limit of the spectrum: white, or the power law of short waves.
+        logs, (low, high) = np.asarray(chosen.log_weights), np.asarray(box)
+        is_end = np.any((logs <= low)[:-1] | (logs >= high)[:-1])
+        return Choice(chosen.log_weights, Status.RANGE_END if is_end else Status.CONVERGED)
+
+    def _is_too_long(self, problem: LineProblem, chosen: Choice) -> bool:
+        """Whether the data favour spectra of a shorter correlation length, at the same power of
+        short waves."""
+        spectra = (self.p, self.q)[: problem.unknowns]
+        if any(each.length_m is None for each in spectra):
+            return False
+        family = StretchedSpectra(spectra, problem.without_warnings())
+        rows = [[*chosen.log_weights, np.log10(each)] for each in (1.0, SHORTER)]
+        scorer = LineScorer(family, problem, self.path)
+        own, shorter = scorer.values(Evidence.criterion, np.array(rows))
+        return bool(own - shorter > STRONG)
+
     def _solved(
-        self, problem: LineProblem, power: Float[Array, "c k"], status: Status
+        self,
+        problem: LineProblem,
+        power: Float[Array, "c k"],
+        further: Mapping[str, Any] | None = None,
+        warnings: Sequence[str] = (),
     ) -> TractionEstimate:
         """The estimate of these spectra."""
-        stats: dict = {"method": "wiener", "scale": self.scale}
-        if self.scale == "evidence":
-            stats["scale_rule"] = status
+        stats: dict = {"method": "wiener", "scale": self.scale, **(further or {})}
         stats |= {
             f"rms_{c}_Pa": as_number((half_spectrum_weights(problem.line.n) @ s) ** 0.5)
             for c, s in zip("pq", power if is_traced(power) else np.asarray(power), strict=False)
         }
-        how, warnings = (self.path, self.tolerance), undetermined_weights(status)
         prior = SpectralPrior(power)
+        how = self.path, self.tolerance
         estimate = solve(problem, prior, *how, stats=stats, warnings=warnings)
         return constrained(problem, prior, estimate, self.constraint)
 
@@ -218,11 +334,10 @@ class Wiener(Method):
 
     def prior_fixed_on(self, problem: LineProblem) -> Callable[[LineProblem], Prior]:
         refuse_constraint(self.constraint)
-        problem = problem.to_grid()
-        scale = np.ones(problem.unknowns)
-        if self.chooses_prior:
-            scale = np.asarray(_likely_scale(problem, self.spectra(problem), self.path)[0])
-        return lambda each: SpectralPrior(scale[:, None] * self.spectra(each))
+        if not self.chooses_prior:
+            return lambda each: SpectralPrior(self.spectra(each))
+        log_weights = np.asarray(self._likely(problem.to_grid()).log_weights)
+        return lambda each: self._family(each)(log_weights)
 
 
 def _spectrum(name: str, given: Any) -> TractionSpectrum:
@@ -236,16 +351,6 @@ def _powers(
     problem: LineProblem, spectra: tuple[TractionSpectrum, ...], xp: Any = jnp
 ) -> Float[Any, "c k"]:
     return xp.stack([spectrum.power(problem) for spectrum in spectra])
-
-
-def _likely_scale(problem: LineProblem, power, path: str) -> tuple[Float[Numbers, " c"], Status]:
-    """The factors on the powers that maximise the evidence, six decades about the data's level."""
-    middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
-    box = jnp.stack([middle - 6, middle + 6])
-    family = ScaledSpectra(power)
-    problem = to_score(problem, family, box, path)
-    choice = Evidence().choose(LineScorer(family, problem, path), box)
-    return 10.0**choice.log_weights, choice.status
 
 
 @by_numpy

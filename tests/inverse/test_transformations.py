@@ -20,6 +20,7 @@ from tests.refusals import refused
 from tests.tiers import hardest, quick
 
 PARAMETERS = ("depth", "angle", "data", "noise", "prior", "length")
+OF_WEIGHTS = "weight_", "rms_p_P", "correla"
 NOMINAL = np.ones(len(PARAMETERS))
 TURNS = np.random.default_rng(9).normal(size=(2, 2, N))
 ALONG = np.random.default_rng(1).normal(size=(2, N))
@@ -32,6 +33,8 @@ def method_of(name: str, factor: dict, path: str):
     how = {"path": path, "tolerance": 1e-12}
     if name in ("given", "evidence"):
         return Wiener(*spectra, scale=name, **how)
+    if name == "correlation":
+        return Wiener(*spectra, scale="evidence", correlation="evidence", **how)
     if name == "weights":
         return Tikhonov(1, 2e-5 * factor["prior"], 8e-5, length_m=length_m, **how)
     return Tikhonov(length_m=length_m, rule=getattr(rules, name)(), **how)
@@ -50,11 +53,22 @@ def problem_of(case, factor: dict) -> LineProblem:
     return LineProblem(line, make_operator(line, films), data, noise, **known)
 
 
+def roughened(case):
+    """The case over a fine texture, whose correlation length is within what its line can show."""
+    power = np.asarray(Exponential(30.0, 3e-4).power(case.problem))
+    white = np.random.default_rng(4).normal(size=(2, N))
+    texture = np.fft.irfft(np.sqrt(power) * np.fft.rfft(white), N)
+    data = case.problem.data + case.problem.forward(jnp.asarray(texture))
+    return case._replace(problem=eqx.tree_at(lambda p: p.data, case.problem, data))
+
+
 def numbers(case, method: str, path: str, theta):
     """Numbers of value, bands, chosen weights and chi-square; theta: factors on the parameters."""
     factor = dict(zip(PARAMETERS, theta, strict=True))
     made = srsinv.invert(problem_of(case, factor), method_of(method, factor, path))
-    weights = [made.stats[name] for name in made.stats if name[:7] in ("weight_", "rms_p_P")]
+    weights = [
+        made.stats[name] for name in made.stats if name[:7] in ("weight_", "rms_p_P", "correla")
+    ]
     of_value, of_stderr = jnp.sum(made.value * TURNS[0]), jnp.sum(made.stderr * TURNS[1])
     logs = [jnp.log10(jnp.asarray(each)) for each in weights]
     return jnp.stack([of_value / 1e4, of_stderr / 1e3, *logs, made.stats["chi2_per_freedom"]])
@@ -70,15 +84,15 @@ RULES = ("Evidence", "GeneralisedCrossValidation", "UnbiasedPredictiveRisk", "LC
          "QuasiOptimality")  # fmt: skip
 ON_DIRECT = "given", "weights", "evidence", "GeneralisedCrossValidation", "LCurve"
 GRADIENTS = [
-    *(("spectral", method) for method in ("given", "weights", "evidence", *RULES)),
+    *(("spectral", method) for method in ("given", "weights", "evidence", "correlation", *RULES)),
     *(("direct", method) for method in ON_DIRECT),
-    ("iterative", "given"), ("iterative", "weights"),
+    ("direct", "correlation"), ("iterative", "given"), ("iterative", "weights"),
 ]  # fmt: skip
 # Rules that differ in the terms of a score that they take: the others are differentiated alike.
 RARE = [
     *(("spectral", rule) for rule in (*RULES[2:3], *RULES[4:6], RULES[7])),
-    ("direct", "GeneralisedCrossValidation"),
-]
+    ("direct", "GeneralisedCrossValidation"), ("direct", "correlation"),
+]  # fmt: skip
 GRADUALLY = [case for case in GRADIENTS if case not in RARE]
 
 
@@ -89,6 +103,7 @@ def test_derivatives_are_the_differences(path, method):
     """By the sensor, data, noise and prior, forward and reverse, of value, bands and weights. The
     bands of the iterative path are approximations without derivatives, and say so."""
     case = make_case(**CASES[path])
+    case = roughened(case) if method == "correlation" else case
 
     @jax.jit
     def of(theta):

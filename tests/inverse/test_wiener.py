@@ -11,6 +11,7 @@ from srsinv.forward.scan import ConstantSpeed
 from srsinv.grid import half_spectrum_weights
 from srsinv.inverse.line import direct, spectral
 from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.line.solve import PATHS
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.inverse.wiener import Exponential, Flat, Normalised, SpectralPrior, Wiener
 from tests.inverse.cases import (
@@ -30,6 +31,7 @@ from tests.inverse.cases import (
     relative,
     stderr_of,
 )
+from tests.refusals import refused
 from tests.tiers import quick
 
 P, Q = Exponential(1500.0, 0.8e-3), Exponential(500.0, 1.5e-3)
@@ -59,7 +61,8 @@ def draws(rng, count, spectra, n):
     return np.fft.irfft(np.sqrt(spectra) * np.fft.rfft(white), n)
 
 
-def draw_problem(count, kind, n, films="pair", amplifier=RATE, noise="white", **known):
+def draw_problem(count, kind, n, films="pair", amplifier=RATE, noise="white",
+                 spectra=(P, Q), **known):  # fmt: skip
     """A problem, the prior powers, and many draws of its traction and its data."""
     line = make_line(kind, n)
     operator = make_operator(line, films, amplifier)
@@ -67,7 +70,7 @@ def draw_problem(count, kind, n, films="pair", amplifier=RATE, noise="white", **
     spectrum = np.asarray(total_spectrum(NOISES[noise], line, ConstantSpeed(0.05), rms))
     blank = np.zeros((operator.transfer.shape[0], n))
     problem = LineProblem(line, operator, blank, spectrum, **known)
-    power = np.stack([s.power(problem) for s in (P, Q)[: problem.unknowns]])
+    power = np.stack([s.power(problem) for s in spectra[: problem.unknowns]])
     rng = np.random.default_rng(5)
     traction = draws(rng, count, power, n)
     signals = jax.vmap(problem.forward)(jnp.asarray(traction))
@@ -201,6 +204,49 @@ def test_evidence_finds_the_priors_level(wrong):
     for c in "pq":
         assert estimate.stats[f"rms_{c}_Pa"] == pytest.approx(right.stats[f"rms_{c}_Pa"], rel=0.2)
     assert relative(estimate.value, right.value) < 0.1
+
+
+@pytest.mark.parametrize(("length", "wrong"), [(1.0, 0.2), (0.1, 20.0)])
+def test_evidence_finds_the_priors_correlation_length(length, wrong):
+    """Lengths that are stated too short or too long come back to those of the draws. Too long ones
+    have a warning, unlike the right ones."""
+
+    def spectra(factor):
+        return Exponential(1500.0, factor * 0.8e-3), Exponential(500.0, factor * 1.5e-3)
+
+    def warns(method):
+        return any("correlation length" in each for each in method(problem).warnings)
+
+    right, stated = spectra(length), spectra(wrong * length)
+    problem, *_, data = draw_problem(9, "periodic", 256, noise="quiet", spectra=right)
+    factors = []
+    for each in data:
+        problem = eqx.tree_at(lambda problem: problem.data, problem, each)
+        found = Wiener(*stated, scale="evidence", correlation="evidence")(problem)
+        factors.append(found.stats["correlation_factor"])
+        assert found.stats["scale_rule"] == "converged"
+        assert not warns(Wiener(*right, scale="evidence"))
+        assert warns(Wiener(*stated, scale="evidence")) == (wrong > 1)
+    assert np.median(factors) == pytest.approx(1 / wrong, rel=0.3)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("kind", ["whole", "with gaps"])
+def test_a_correlation_length_is_the_same_on_all_paths(kind):
+    problem, *_, data = draw_problem(1, "periodic", 256)
+    observed = None if kind == "whole" else gaps(256)
+    problem = LineProblem(problem.line, problem.forward, data[0], problem.noise, observed=observed)
+    paths = ("direct", "iterative") if observed is not None else PATHS[1:]
+    methods = [Wiener(P, Q, "evidence", path, correlation="evidence") for path in paths]
+    factors = [method(problem).stats["correlation_factor"] for method in methods]
+    # The iterative path ends on a grid where samples are missing.
+    np.testing.assert_allclose(factors, factors[0], rtol=1e-6 if observed is None else 0.15)
+
+
+def test_a_correlation_length_that_is_not_there_is_refused():
+    refused(lambda: Wiener(scale="given", correlation="evidence"), "scale=evidence")
+    method = Wiener(P, Flat(70.0), scale="evidence", correlation="evidence")
+    refused(lambda: method(make_case().problem), "Flat", "correlation=given")
 
 
 def test_averaging_is_the_estimates_response_to_one_cell():

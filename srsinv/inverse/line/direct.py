@@ -149,12 +149,20 @@ def scored(problem: LineProblem, unweighted: Prior) -> Scored:
 
     That one is the periodic line's: its weights enter alike, up to the two cells at the ends.
     """
-    white, n = whiten(problem), problem.line.n
-    root = jnp.asarray(unweighted.root(problem.line))
+    white = whiten(problem)
+    return scored_under(problem, unweighted, white, white.model.T @ white.model)
+
+
+def scored_under(
+    problem: LineProblem, prior: Prior, white: Whitened, information: Float[Array, "m m"]
+) -> Scored:
+    """What scores take, of the whitened problem and the data's `information` on the traction."""
+    n = problem.line.n
+    root = jnp.asarray(prior.root(problem.line))
     root = root.at[:, 0].set(jnp.where(problem.zero_mean, 0.0, root[:, 0]))
     weights, is_held = n * half_spectrum_weights(n), root > 0
     log_root = jnp.sum(weights * jnp.log(jnp.where(is_held, root, 1.0)))
-    information, penalty = white.model.T @ white.model, _penalty(problem, unweighted)
+    penalty = _penalty(problem, prior)
     return Scored(white, information, penalty, is_held @ weights, log_root, problem.zero_mean)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...errors import refuse
+from ...grid import Line
 from ...known import Numbers, in_numpy, is_traced
 from ..noise.levels import at_one_level
 from ..noise.nuisance import scored
@@ -38,9 +39,13 @@ Rows = Float[Numbers, "b c"]
 
 class Family(eqx.Module):
     """A family of priors, by their log10 weights, for a rule to choose from: P is that of weights 0
-    times 10^(`sign` log10 weight), for each component."""
+    times 10^(`sign` log10 weight), for each component.
+
+    `has_shape`: whether a further number follows the weights, which changes the prior's shape.
+    """
 
     sign: ClassVar[int]
+    has_shape: ClassVar[bool] = False
 
     @abc.abstractmethod
     def __call__(self, log_weights: Float[Numbers, " c"]) -> Prior:
@@ -50,23 +55,42 @@ class Family(eqx.Module):
 class Scores(eqx.Module):
     """What the scores of a family's priors have in common. `together`: how many are computed at
     once; `is_double`: whether in double precision even where jax has single; `scanned`: how many
-    weights a rule looks at first, where one costs little."""
+    weights a rule looks at first, where one costs little; `has_shape`: of the family."""
 
     together: ClassVar[int]
     scanned: ClassVar[int | None] = None
     is_double: ClassVar[bool]
+
+    has_shape: ClassVar[bool] = False
+
+    @property
+    def search(self) -> tuple[int, int | None, bool]:
+        """How a rule searches them."""
+        return self.together, self.scanned, self.has_shape
+
+    @abc.abstractmethod
+    def at(self, log_weights: Float[Array, " c"]) -> Score:
+        """The score of the prior with these log10 weights."""
+
+    def criterion(self, criterion: Criterion, samples: Any, logs: Float[Array, " c"]) -> Any:
+        """The criterion of the prior with these log10 weights."""
+        return criterion(self.at(logs), samples)
+
+
+class WeightScores(Scores):
+    """Scores of a family whose priors differ by their weights alone."""
+
     sign: int = eqx.field(static=True)
 
     @abc.abstractmethod
     def of(self, factor: Float[Array, " c"]) -> Score:
         """The score of the prior whose root P^(1/2) is `factor` times that of weights of 1."""
 
-    def criterion(self, criterion: Criterion, samples: Any, logs: Float[Array, " c"]) -> Any:
-        """The criterion of the prior with these log10 weights."""
-        return criterion(self.of(10.0 ** (self.sign * logs / 2)), samples)
+    def at(self, log_weights: Float[Array, " c"]) -> Score:
+        return self.of(10.0 ** (self.sign * log_weights / 2))
 
 
-class DirectScores(Scores):
+class DirectScores(WeightScores):
     """Scores by Cholesky factors, one after the other: side by side LAPACK may wait for itself on a
     CPU."""
 
@@ -78,7 +102,39 @@ class DirectScores(Scores):
         return direct.score(factor, self.scored)
 
 
-class SpectralScores(Scores):
+class DirectShapeScores(Scores):
+    """Scores by Cholesky factors of a family whose priors differ in shape, too."""
+
+    together: ClassVar[int] = 1
+    is_double: ClassVar[bool] = False
+    has_shape: ClassVar[bool] = True
+    family: Family
+    problem: LineProblem
+    white: direct.Whitened
+    information: Float[Array, "m m"]
+
+    def at(self, log_weights: Float[Array, " c"]) -> Score:
+        prior = self.family(log_weights)
+        of = direct.scored_under(self.problem, prior, self.white, self.information)
+        return direct.score(jnp.ones(self.problem.unknowns), of)
+
+
+class SpectralShapeScores(Scores):
+    """Scores of the nearest periodic problem of a family whose priors differ in shape, too."""
+
+    together: ClassVar[int] = TOGETHER
+    is_double: ClassVar[bool] = True
+    has_shape: ClassVar[bool] = True
+    family: Family
+    line: Line
+    reduced: spectral.Reduced
+
+    def at(self, log_weights: Float[Array, " c"]) -> Score:
+        root = spectral.prior_root(self.line, self.family(log_weights))
+        return spectral.score(self.reduced, root)
+
+
+class SpectralScores(WeightScores):
     """Scores of the nearest periodic problem. In double precision: weights lie in flat minima,
     where rounding would choose."""
 
@@ -123,8 +179,12 @@ class Scorer(eqx.Module):
             known = self.scores, jnp.asarray(box)
             frozen = jax.lax.stop_gradient(known)
             value = partial(_value, criterion, self.samples, is_joint)
-            search = WeightSearch.of(is_joint, frozen[1], self.scores.together, self.scores.scanned)
+            search = WeightSearch.of(is_joint, frozen[1], *self.scores.search)
             found = search.least(partial(value, frozen))
+            if not is_joint:  # a weight at an end moves with it
+                low, high = known[1]
+                found = jnp.where(found <= search.low, low, found)
+                found = jnp.where(found >= search.high, high, found)
             return weights_at(is_joint, known[1], search.with_slopes(value, known, found))
         with self._in_double():
             of = criterion, self.samples, is_joint, self.scores, np.asarray(box, float)
@@ -155,15 +215,23 @@ class LineScorer(Scorer):
             self.problem = at_one_level(scored(self.problem))
         self.samples = self.problem.sample_count
         of_one = np.zeros(self.problem.unknowns)  # log weights
-        if path == "direct":
+        if path == "direct" and family.has_shape:
+            white = direct.whiten(self.problem)
+            information = white.model.T @ white.model
+            self.scores = DirectShapeScores(family, self.problem, white, information)
+        elif path == "direct":
             self.scores = DirectScores(family.sign, direct.scored(self.problem, family(of_one)))
         elif path == "iterative" and problem.observed is not None:
             self.scores = PeriodicModel(self.problem, Gaps.of(problem.is_observed))
         else:
             with nullcontext() if is_traced(family, problem) else jax.enable_x64(True):
-                root = spectral.prior_root(self.problem.line, family(of_one))
-                reduced = spectral.reduced(self.problem)
-                self.scores = SpectralScores(family.sign, *_on_device((reduced, root)))
+                line, reduced = self.problem.line, spectral.reduced(self.problem)
+                if family.has_shape:
+                    of = _on_device((family, line, reduced))
+                    self.scores = SpectralShapeScores(*of)
+                else:
+                    root = spectral.prior_root(line, family(of_one))
+                    self.scores = SpectralScores(family.sign, *_on_device((reduced, root)))
 
     def values(self, criterion: Criterion, log_weights: Rows) -> Any:
         if not isinstance(periodic := self.scores, PeriodicModel):
@@ -190,7 +258,7 @@ class LineScorer(Scorer):
             logs = [weights_at(is_joint, box, row) for row in rows]
             return self.values(criterion, np.array(logs))
 
-        return weights_at(is_joint, box, on_grids(values, is_joint, box))
+        return weights_at(is_joint, box, on_grids(values, is_joint, box, self.family.has_shape))
 
 
 def _as_it_is(score: Score, samples: Any) -> Score:
@@ -213,7 +281,7 @@ def _values(criterion: Criterion, samples: int, scores: Scores, log_weights, cou
 @partial(jax.jit, static_argnames=("criterion", "samples", "is_joint"))
 def _least(criterion: Criterion, samples: int, is_joint: bool, scores: Scores, box):
     value = partial(_value, criterion, samples, is_joint, (scores, box))
-    search = WeightSearch.of(is_joint, box, scores.together, scores.scanned)
+    search = WeightSearch.of(is_joint, box, *scores.search)
     return weights_at(is_joint, box, search.least(value))
 
 

@@ -19,6 +19,8 @@ from jaxtyping import Array, Float
 from ...known import array_module
 
 SCANNED = 19  # weights along the diagonal
+SHAPES = 5  # shapes of each weight that is scanned, a decade from each other over four
+REPEATED = 3  # grids of each width beside a shape, whose valley may be narrow and oblique
 SCANNED_JOINTLY = 97  # where they are all that are searched, and a corner may be narrow
 HALVES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625)  # decades, half the widths of the grids
 NEWTON_STEPS = 3  # from the finest grid to rounding
@@ -28,9 +30,11 @@ Logs = Float[Any, " c"]
 Value = Callable[[Float[Array, " c"]], Any]
 
 
-def _plan(is_joint: bool) -> tuple[int, tuple[float, ...]]:
+def _plan(is_joint: bool, has_shape: bool) -> tuple[int, tuple[float, ...]]:
     """How many weights along the diagonal are scanned, and half the widths of the grids."""
-    return (SCANNED_JOINTLY, HALVES[-2:]) if is_joint else (SCANNED, HALVES)
+    if is_joint:
+        return SCANNED_JOINTLY, HALVES[-2:]
+    return SCANNED, tuple(half for half in HALVES for _ in range(REPEATED if has_shape else 1))
 
 
 def _ends(is_joint: bool, box: Any) -> tuple[Any, Any]:
@@ -61,9 +65,15 @@ def weights_at(is_joint: bool, box: Any, searched: Any) -> Any:
     return low + searched * (high - low) / (high - low).max()
 
 
-def _scan(low: Logs, high: Logs, count: int) -> Float[Any, "row c"]:
-    """Weights along the diagonal, from strong to weak: ties go to the smoother."""
-    return low + np.linspace(1, 0, count)[:, None] * (high - low)
+def _scan(low: Logs, high: Logs, count: int, has_shape: bool) -> Float[Any, "row c"]:
+    """Weights along the diagonal, from strong to weak: ties go to the smoother. Where the last
+    number is a shape, the diagonal of the others for each of some shapes."""
+    along = np.linspace(1, 0, count)[:, None]
+    if not has_shape:
+        return low + along * (high - low)
+    shapes = np.repeat(np.linspace(1, 0, SHAPES), count)[:, None]
+    parts = [np.tile(along, (SHAPES, 1))] * (len(low) - 1)
+    return low + np.concatenate([*parts, shapes], axis=1) * (high - low)
 
 
 def _offsets(size: int) -> Float[np.ndarray, "row c"]:
@@ -72,11 +82,14 @@ def _offsets(size: int) -> Float[np.ndarray, "row c"]:
 
 
 def on_grids(
-    values: Callable[[np.ndarray], np.ndarray], is_joint: bool, box: Float[np.ndarray, "2 c"]
+    values: Callable[[np.ndarray], np.ndarray],
+    is_joint: bool,
+    box: Float[np.ndarray, "2 c"],
+    has_shape: bool,
 ) -> np.ndarray:
     """The best of what is scanned and on grids; `values`: of rows of what is searched for."""
     known: dict[tuple[float, ...], float] = {}  # the grids share points
-    (count, halves), (low, high) = _plan(is_joint), _ends(is_joint, box)
+    (count, halves), (low, high) = _plan(is_joint, has_shape), _ends(is_joint, box)
 
     def best(points: np.ndarray, is_scan: bool = False) -> np.ndarray:
         rows = [tuple(row) for row in points.tolist()]
@@ -86,7 +99,7 @@ def on_grids(
         every = np.array([known[row] for row in rows])
         return points[np.argmin(_worth(every, is_joint and is_scan))]
 
-    centre = best(_scan(low, high, count), is_scan=True)
+    centre = best(_scan(low, high, count, has_shape), is_scan=True)
     for half in halves:
         centre = best(np.clip(centre + half * _offsets(len(low)), low, high))
     return centre
@@ -113,6 +126,7 @@ class WeightSearch(eqx.Module):
     """A search from `low` (c,) to `high` (c,), of which `together` points are computed at once.
 
     `scanned`: weights of the first scan, where a criterion costs little; None: see `_plan`.
+    `has_shape`: whether the last number is a shape of the prior.
     """
 
     low: Float[Array, " c"]
@@ -120,27 +134,34 @@ class WeightSearch(eqx.Module):
     is_joint: bool = eqx.field(static=True)
     together: int = eqx.field(static=True)
     scanned: int | None = eqx.field(static=True, default=None)
+    has_shape: bool = eqx.field(static=True, default=False)
 
     @classmethod
     def of(
-        cls, is_joint: bool, box: Float[Array, "2 c"], together: int, scanned: int | None = None
+        cls,
+        is_joint: bool,
+        box: Float[Array, "2 c"],
+        together: int,
+        scanned: int | None = None,
+        has_shape: bool = False,
     ) -> "WeightSearch":
         """The search of all weights in the box, or along its diagonal."""
-        return cls(*_ends(is_joint, box), is_joint, together, scanned)
+        return cls(*_ends(is_joint, box), is_joint, together, scanned, has_shape)
 
     def least(self, value: Value) -> Float[Array, " c"]:
         """Where the value is least: `on_grids`, then Newton's steps."""
         low, high, size = self.low, self.high, self.low.size
-        scanned, widths = _plan(self.is_joint or self.scanned is not None)
-        scanned = self.scanned or scanned
+        scanned, widths = _plan(self.is_joint or self.scanned is not None, self.has_shape)
         offsets = np.delete(_offsets(size), len(_offsets(size)) // 2, axis=0)
+        first = _scan(low, high, self.scanned or scanned, self.has_shape)
+        scanned = len(first)
         around = jnp.zeros((scanned, size)).at[: len(offsets)].set(offsets)
         halves = jnp.array([0.0, *widths])
 
         def closer(i, state):
             centre, at_centre = state
             grid = jnp.clip(centre + halves[i] * around, low, high)
-            rows = jnp.where(i == 0, _scan(low, high, scanned), grid)
+            rows = jnp.where(i == 0, first, grid)
             count = jnp.where(i == 0, scanned, len(offsets))
             values = each_row(value, rows, count, self.together)
             values = jnp.where(jnp.arange(scanned) < count, values, jnp.inf)
@@ -183,13 +204,7 @@ class WeightSearch(eqx.Module):
         is_free = (logs > self.low) & (logs < self.high)
         both = is_free[:, None] & is_free[None]
         second = jnp.where(both, (second + second.T) / 2, jnp.eye(logs.size))
-        if logs.size == 1:
-            is_minimum, inverse = second[0, 0] > 0, 1 / second
-        else:
-            (a, b), (_, d) = second
-            determinant = a * d - b * b
-            is_minimum = (a > 0) & (determinant > 0)
-            inverse = jnp.array([[d, -b], [-b, a]]) / determinant
+        is_minimum, inverse = _inverse_of_positive(second)
         return slopes[0], jnp.where(both & is_minimum, inverse, 0.0)
 
     def with_slopes(
@@ -198,5 +213,25 @@ class WeightSearch(eqx.Module):
         """The weights of least value(known, logs) with their first derivatives by `known`: one more
         step of Newton's, of zero length, by the implicit function theorem."""
         frozen = partial(value, jax.lax.stop_gradient(known))
-        _, inverse = jax.lax.stop_gradient(self._slope_and_inverse(frozen, logs))
+        _, inverse = self._slope_and_inverse(frozen, jax.lax.stop_gradient(logs))
+        inverse = jax.lax.stop_gradient(inverse)
         return logs - inverse @ jax.grad(value, argnums=1)(known, logs)
+
+
+def _inverse_of_positive(matrix: Float[Array, "c c"]) -> tuple[Any, Float[Array, "c c"]]:
+    """Whether a symmetric matrix of up to three rows is positive definite, and its inverse where it
+    is: by minors, as batched factors of LAPACK's may wait for themselves on a CPU."""
+    size = len(matrix)
+    if size == 1:
+        return matrix[0, 0] > 0, 1 / matrix
+    (a, b), (_, d) = matrix[:2, :2]
+    minor = a * d - b * b
+    is_positive = (a > 0) & (minor > 0)
+    if size == 2:
+        return is_positive, jnp.array([[d, -b], [-b, a]]) / minor
+    first, second, third = matrix
+    adjugate = jnp.stack(
+        [jnp.cross(second, third), jnp.cross(third, first), jnp.cross(first, second)]
+    )
+    determinant = first @ adjugate[0]
+    return is_positive & (determinant > 0), adjugate / determinant

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from ...errors import BadInput, refuse
 from ...known import Numbers
 from ..line.prior import Score
-from ..line.scorer import DirectScores, Scorer, Scores
+from ..line.scorer import DirectScores, Scorer, Scores, WeightScores
 from .prior import Differences, PriorFactors
 
 HIGHEST = 2.0  # decades of the box above the weight that halves the mode of most information
@@ -251,7 +251,7 @@ class FactorScores(DirectScores):
     scanned: ClassVar[int | None] = SCANNED
 
 
-class ModeScores(Scores):
+class ModeScores(WeightScores):
     """Scores by sums over modes, in double precision."""
 
     scanned: ClassVar[int | None] = SCANNED

@@ -15,7 +15,7 @@ from srsinv.inverse.line import rule as rules
 from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.line.scorer import LineScorer
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
-from srsinv.inverse.wiener import Exponential, ScaledSpectra
+from srsinv.inverse.wiener import Exponential, ScaledSpectra, StretchedSpectra
 from tests.inverse.cases import (
     DEPTH_M,
     SLOW,
@@ -181,6 +181,25 @@ def test_evidence_is_the_log_marginal_likelihood(name, path):
     power = np.stack(shape[: problem.unknowns])
     scorer = LineScorer(ScaledSpectra(jnp.asarray(power)), problem, path)
     check_evidence(scorer, log_weights(problem) + 4.0, lambda w: 10.0 ** w[:, None] * power)
+
+
+@pytest.mark.parametrize(
+    ("name", "path"), quick(SCORED, ("whole", "spectral"), ("whole", "direct"))
+)
+def test_evidence_of_a_length_is_the_log_marginal_likelihood(name, path):
+    """Of spectra whose correlation lengths are stretched, at the same power of short waves."""
+    problem = make_case(**PROBLEMS[name][0]).problem
+    spectra = (Exponential(1e3, 1e-3), Exponential(3e2, 2e-3))[: problem.unknowns]
+
+    def power(logs):
+        *factors, stretch = 10.0**logs
+        long = [Exponential(s.rms_Pa, s.correlation_m * stretch) for s in spectra]
+        each = zip(factors, long, strict=True)
+        return np.stack([f * stretch * np.asarray(s.power(problem)) for f, s in each])
+
+    weights = log_weights(problem)[:5] + 4.0
+    logs = np.column_stack([weights, np.linspace(-1, 1, len(weights))])
+    check_evidence(LineScorer(StretchedSpectra(spectra, problem), problem, path), logs, power)
 
 
 @pytest.mark.parametrize(
