@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar, overload
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -283,7 +284,8 @@ class Wiener(Method):
         """The log10 numbers of greatest evidence, within six decades about the data's level."""
         family, power = self._family(problem), self.spectra(problem)
         middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
-        box = jnp.stack([middle - 6, middle + 6])
+        # The ends of the levels are arbitrary, those of the lengths are the line's.
+        box = jax.lax.stop_gradient(jnp.stack([middle - 6, middle + 6]))
         if isinstance(family, StretchedSpectra):
             box = jnp.concatenate([box, family.box()], axis=1)
         problem = to_score(problem, family, box, self.path)
