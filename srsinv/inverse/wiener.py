@@ -161,9 +161,7 @@ class StretchedSpectra(Family):
         xp = array_module(log_weights, self.spectra, self.problem)
         *factors, stretch = 10.0 ** xp.asarray(log_weights)
         power = [each.stretched(stretch).power(self.problem) for each in self.spectra]
-        return SpectralPrior(
-            xp.stack([f * stretch * s for f, s in zip(factors, power, strict=True)])
-        )
+        return SpectralPrior(stretch * xp.stack(factors)[:, None] * xp.stack(power))
 
     def box(self) -> Float[Array, "2 1"]:
         """The range of the last logarithm: lengths that a line can show.
