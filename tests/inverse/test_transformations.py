@@ -103,8 +103,7 @@ def test_derivatives_are_the_differences(path, method):
     """By the sensor, data, noise and prior, forward and reverse, of value, bands and weights. The
     bands of the iterative path are approximations without derivatives, and say so."""
     case = make_case(**CASES[path])
-    if method == "correlation" and path == "spectral":  # on the other, it is the longest of a line
-        case = roughened(case)
+    case = roughened(case) if method == "correlation" else case
 
     @jax.jit
     def of(theta):
@@ -117,6 +116,20 @@ def test_derivatives_are_the_differences(path, method):
     size = np.maximum(np.abs(expected).max(axis=1, keepdims=True), 1e-9)
     assert np.max(np.abs(forward - expected)[some] / size[some]) < 1e-6
     assert np.max(np.abs(forward - reverse)[some] / size[some]) < 1e-6
+
+
+@pytest.mark.full
+def test_a_length_at_the_end_of_its_range_has_derivatives():
+    """Over smooth bumps it is the longest of the line, whatever the stated one."""
+    case = make_case()
+
+    @jax.jit
+    def of(length):
+        return numbers(case, "correlation", "spectral", [1.0] * 5 + [length[0]])
+
+    slope = np.asarray(jax.jacfwd(of)(np.ones(1)))
+    expected = differences(of, np.ones(1), 1e-4)
+    assert np.max(np.abs(slope - expected)) < 1e-6 * np.max(np.abs(expected))
 
 
 @pytest.mark.parametrize("path", quick(CASES, "spectral", "direct"))
