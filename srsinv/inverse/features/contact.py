@@ -7,7 +7,7 @@ these show whether the cells matter to a fit.
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from functools import partial
 from typing import Any, ClassVar
 
@@ -63,6 +63,7 @@ class ContactLoading(Loading):
     and sliding over it.
 
     - `sensor`, `motion`: the skin, and what the signal would be with the film at another depth.
+    - `stated_depth_m`: the shallowest film's, as it is known.
     - `also`: names of `KNOWN` to fit beside heights, lengths and frictions. `gain` is a factor on
       the signal, `depth_m` the shallowest film's depth.
     """
@@ -73,6 +74,7 @@ class ContactLoading(Loading):
     ARE_FEW: ClassVar[bool] = False
     sensor: Sensor
     motion: Motion
+    stated_depth_m: Float[Array, ""] = eqx.field(converter=as_real)
     nominal_pressure_Pa: Float[Array, ""] = eqx.field(converter=as_real)
     also: tuple[str, ...] = eqx.field(static=True, default=())
 
@@ -242,7 +244,7 @@ class ContactLoading(Loading):
 
     @property
     def _depth_m(self) -> float:
-        return float(self.sensor.depth_m)
+        return float(self.stated_depth_m)
 
     def begun(self, feature: Any) -> dict[str, float]:
         return dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
@@ -285,21 +287,34 @@ class ContactLoading(Loading):
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """Each free parameter, its error infinite for those on a bound and those correlated with
         them, and for all where the features are not detected."""
-        read: dict[str, tuple[float, float]] = {}
         missed = undetected_features(features, fit)
         unsure = frozenset(fit.names) if missed else limited_by_bounds(fit)
-        for name, feature in features.items():
-            prefix = f"{name}_" if len(features) > 1 else ""
-            own, spread = fit.value[name], fit.stderr[name]
-            for part in (*feature.axes, *feature.frictions, "edge_length_m"):
-                if f"{name}.{part}" in fit.names:
-                    error = np.inf if f"{name}.{part}" in unsure else float(spread[part])
-                    read[prefix + part] = float(own[part]), error
-        for part in ("base_friction", *KNOWN):
-            if part in fit.names:
-                error = np.inf if part in unsure else float(fit.stderr[part])
-                read[part] = float(fit.value[part]), error
-        return read
+
+        def error(own: str) -> float:
+            return np.inf if own in unsure else float(self.part_of(fit.stderr, own))
+
+        return {
+            name: (float(self.part_of(fit.value, own)), error(own))
+            for name, own in self.reported(features, fit.names).items()
+        }
+
+    @staticmethod
+    def reported(features: Features, free: Collection[str]) -> dict[str, str]:
+        """Names in a fit of the free parameters, by the name that each is reported by."""
+        prefixes = {name: f"{name}_" if len(features) > 1 else "" for name in features}
+        each = {
+            prefixes[name] + part: f"{name}.{part}"
+            for name, feature in features.items()
+            for part in (*feature.axes, *feature.frictions, "edge_length_m")
+        }
+        each |= {part: part for part in ("base_friction", *KNOWN) if part not in each}
+        return {name: own for name, own in each.items() if own in free}
+
+    @staticmethod
+    def part_of(params: Any, own: str) -> Any:
+        """The parameter of this name in a fit's tree."""
+        name, _, part = own.rpartition(".")
+        return params[name][part] if name else params[part]
 
 
 def cell_for(features: Features, depth_m: float) -> float:

@@ -21,6 +21,7 @@ from ... import false_alarm
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...grid import as_real
+from ...known import outside_traces
 from ...quantities import quantity
 from ...resolution import cell_m
 from ...status import Status
@@ -108,6 +109,13 @@ class FeatureFitter:
         coarse = model_on(blocks.motion, cell_m("contact_search", depth))
         search = FeatureSearch(coarse, blocks, scan_extent(sensor, motion))
         return cls(model, search, sensor, motion, solver)
+
+    def under(self, sensor: Sensor) -> "FeatureFitter":
+        """The same cells, ranges and search for the signals of a sensor near the fitter's own,
+        which has as many films, and which jax may trace."""
+        own = copy.copy(self)
+        own._model, own._sensor = self._model.under(sensor, self._filled), sensor
+        return own
 
     @property
     def model(self) -> FeatureModel:
@@ -212,22 +220,36 @@ class FeatureFitter:
         y: Float[Array, "e sample"],
         observed: Bool[np.ndarray, "e sample"],
         noise: Any,
+        start: Mapping[str, float],
     ) -> tuple[FeatureModel, TracedFit, Mapping[str, Any]]:
         """The model, the fit, and the priors of its linear parameters, of signals that jax traces;
-        `observed`: where they are there."""
+        `observed`: where they are there; `start`: as of a call."""
         y = jnp.where(observed, y, 0.0)
         before, params, end = {}, self._common(y), None
         for name, feature in features.items():
-            shapes = self._search.traced(y, observed, (before, params), feature)
+            shapes = self._traced_starts(y, observed, (before, params), feature,
+                                         given_start(start, name, features))  # fmt: skip
             own = {part: values[0] for part, values in shapes.items()}
-            start = params | {name: own | self._model.loading.begun(feature)}
+            begun = params | {name: own | self._model.loading.begun(feature)}
             starts = {f"{name}.{part}": values for part, values in shapes.items()}
             before = before | {name: feature}
             model, settings = self._model.with_features(before), self._settings(before, y, noise)
-            made = cast(TracedFit, fit(model, start, y, starts=starts, **settings))
+            steps = model.steps or None
+            made = cast(TracedFit, fit(model, begun, y, starts=starts, steps=steps, **settings))
             params, end = jax.lax.stop_gradient(made.value), (model, made, settings["priors"])
         assert end is not None
         return end
+
+    def _traced_starts(
+        self, y, observed, before, feature: AnyFeature, given: Mapping[str, float]
+    ) -> dict[str, Float[Array, " start"]]:
+        """As `_shapes`, of signals that jax traces."""
+        is_part = bool(given) and not feature.axes.keys() <= given.keys()
+        found = [
+            self._search.traced(y, observed, before, feature, each)
+            for each in ([given, {}] if is_part else [given])
+        ]
+        return {part: jnp.concatenate([each[part] for each in found]) for part in feature.axes}
 
     def many(
         self, name: str, feature: AnyFeature, ys: Float[np.ndarray, "draw e sample"], noise: Any
@@ -326,7 +348,8 @@ class FeatureFitter:
         offset = {"offset": np.zeros(len(y))} if self._model.free_offset else {}
         known = self._facts
         facts = {} if known is None else {"calibration": np.zeros(known.root.shape[1])}
-        return self._model.loading.common() | offset | facts
+        with outside_traces():
+            return self._model.loading.common() | offset | facts
 
     def _fit(self, parts: Features, start: dict[str, Any], y: np.ndarray, noise: Any) -> Fit:
         if self._facts is not None and self._model.uncertain is None:
@@ -343,7 +366,8 @@ class FeatureFitter:
             priors |= loading.priors(name, feature, reach, self._search)
         if model.free_offset:
             priors["offset"] = (0.0, reach)
-        bounds = loading.bounds(model.line, parts, self._stretch) if parts else {}
+        with outside_traces():
+            bounds = loading.bounds(model.line, parts, self._stretch) if parts else {}
         if self._rig is not None:
             priors["calibration"] = (0.0, 1.0)
         if model.uncertain is not None and self._rig is not None:

@@ -11,6 +11,8 @@ import numpy as np
 from ... import false_alarm
 from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
+from ...forward.scan import Motion
+from ...forward.sensor import Sensor
 from ...known import is_traced, outside_traces
 from ...modules import with_fields
 from ...quantities import quantity
@@ -26,7 +28,7 @@ from .contact import checked_pressure
 from .estimate import FeatureEstimate
 from .fit import FeatureFitter
 from .loading import FEATURES, AnyFeature, Features
-from .traced import TracedFeatureEstimate, traceable, traced_estimate
+from .traced import UNTRACED_CELLS, TracedFeatureEstimate, traceable, traced_estimate
 from .window import stretch_of
 
 if TYPE_CHECKING:  # of known numbers, as nearly all are
@@ -66,6 +68,8 @@ class FeatureFit(Method):
     - `also`: of a surface, further parameters to fit: `edge_length_m`, `depth_m`, `gain`,
       `nominal_pressure_Pa`.
     - `start`: of a surface, values to start from, by the parameters' names as in the result.
+    - `about`: a known sensor near the problem's. Its depth gives cells, search ranges and starts;
+      None: the problem's own does.
 
     A long recording is fitted in the stretch where its signal is above the noise (see
     [`stretch_of`][]).
@@ -75,8 +79,8 @@ class FeatureFit(Method):
     noise whose level is an estimate is there estimated from the residual. Computations that depend
     on the sensor and its motion alone are done once.
 
-    Under `jax.jit`, `vmap`, `grad` and `jvp` features of traction take the data and the noise of a
-    `LineProblem` as jax traces them. The estimate is then a [`TracedFeatureEstimate`][].
+    Under `jax.jit`, `vmap`, `grad` and `jvp`, jax may trace the data, the noise and the sensor of a
+    `LineProblem`, the latter with `about`. The estimate is then a [`TracedFeatureEstimate`][].
 
     Raises `BadInput` for features of both kinds or none, and in a call for a surface whose nominal
     pressure is not known.
@@ -86,6 +90,7 @@ class FeatureFit(Method):
     solver: Solver | None
     also: tuple[str, ...] = eqx.field(static=True)
     start: Mapping[str, float] = eqx.field(static=True)
+    about: Sensor | None
     _latest: LatestCache = eqx.field(static=True, repr=False)
 
     def __init__(
@@ -94,6 +99,7 @@ class FeatureFit(Method):
         solver: Solver | None = None,
         also: tuple[str, ...] = (),
         start: Mapping[str, float] | None = None,
+        about: Sensor | None = None,
     ):
         wanted = "a mapping of features by name, as {'strip': StripFeature()}"
         for name, feature in mapping("features", features, wanted).items():
@@ -110,6 +116,9 @@ class FeatureFit(Method):
         wanted = "a solver, such as Optimistix()"
         self.features = dict(features)
         self.solver = None if solver is None else of_kind("solver", solver, Solver, wanted)
+        refuse(is_traced(about), UNTRACED_CELLS)
+        wanted = "a known sensor near the problem's, as Sensor()"
+        self.about = None if about is None else of_kind("about", about, Sensor, wanted)
         self.also, self.start, self._latest = tuple(also), dict(start or {}), LatestCache()
 
     @property
@@ -136,12 +145,11 @@ class FeatureFit(Method):
         return dataclasses.replace(estimate, log_evidence=evidence, warnings=warnings)
 
     def _traced(self, features: Features, problem: Problem | LineProblem) -> TracedFeatureEstimate:
-        """The fit where jax traces the data or the noise."""
+        """The fit where jax traces the data, the noise or the sensor."""
         problem = traceable(features, problem)
         samples = problem.samples()
-        with outside_traces():
-            fitter = self._fitter(problem, samples)
-        return traced_estimate(fitter, features, problem, samples)
+        fitter = self._fitter(problem, samples)
+        return traced_estimate(fitter, features, problem, samples, self.start)
 
     def _fitted(self, features: Features, problem: Problem | LineProblem) -> FeatureEstimate:
         """The fit, beside a drift and jumps of the signals where these explain a misfit."""
@@ -199,7 +207,22 @@ class FeatureFit(Method):
 
     def _fitter(self, problem: Problem | LineProblem, samples: Samples) -> FeatureFitter:
         """The fitter along the samples' motion."""
-        sensor, motion = samples.sensor, samples.motion
+        about = samples.sensor if self.about is None else self.about
+        refuse(is_traced(about), UNTRACED_CELLS)
+        counts = len(about.elements), len(samples.sensor.elements)
+        refuse(
+            counts[0] != counts[1],
+            f"The sensor that the fit is about has {counts[0]} films, and the problem's has "
+            f"{counts[1]}: give one with as many.",
+        )
+        with outside_traces():
+            fitter = self._fitter_about(about, samples.motion, problem)
+        return fitter if self.about is None else fitter.under(samples.sensor)
+
+    def _fitter_about(
+        self, sensor: Sensor, motion: Motion, problem: Problem | LineProblem
+    ) -> FeatureFitter:
+        """That of a known sensor."""
         if not self.is_of_surface:
             make = lambda: FeatureFitter.along(sensor, motion, self.solver)  # noqa: E731
             return self._latest.of((sensor, motion), make)

@@ -106,7 +106,7 @@ class FeatureModel(eqx.Module):
         if len(directions) > 1:
             refuse_both_ways(sensor.skin)
         operator = operator_along(sensor, line, motion, None, directions)
-        loading = ContactLoading(sensor, motion, nominal_pressure_Pa, also)
+        loading = ContactLoading(sensor, motion, sensor.depth_m, nominal_pressure_Pa, also)
         return cls(operator, loading, {}, sensor.amplifier.offset is None)
 
     def with_features(self, features: Features) -> "FeatureModel":
@@ -175,6 +175,14 @@ class FeatureModel(eqx.Module):
         """The same features and line under another setup of the same films' number; `motion` is
         the one that is stated."""
         return dataclasses.replace(self, operator=_under(self.operator, setup, motion))
+
+    def under(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
+        """The same features and line under another sensor of as many films, which jax may trace;
+        `motion`: the model's own."""
+        operator = _under(self.operator, Setup(sensor), motion)
+        operator = dataclasses.replace(operator, line=self.line)  # which stays known
+        loading, is_free = self.loading.at(sensor, motion), sensor.amplifier.offset is None
+        return dataclasses.replace(self, operator=operator, loading=loading, free_offset=is_free)
 
     def at_facts(self, params: Any) -> tuple["FeatureModel", Any]:
         """The model and the parameters with the facts of the rig that `calibration` stands for."""

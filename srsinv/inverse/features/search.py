@@ -8,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from ...errors import number
-from ...forward.feature import ScanExtent
+from ...errors import number, refuse
+from ...forward.feature import ScanExtent, range_name
 from ...forward.scan import Motion
 from ...known import Numbers, array_module, is_traced, outside_traces
 from .direct import responses
@@ -21,6 +21,7 @@ from .model import FeatureModel
 # pressure itself would favour shapes with hardly any signal, as these take any pressure.
 AMPLITUDE_PRIOR_REACH = 30.0
 STARTS = 3  # the best of the search that are fitted from
+MOST_HELD = 2**26  # numbers of filters in a traced program: half a gigabyte
 LEAST_RELATIVE_SIGNAL = 1e-6  # of the strongest signal: a floor
 
 
@@ -129,7 +130,8 @@ class FeatureSearch:
         rest = self._blocks.means(np.nan_to_num(y))
         if before[0]:
             rest = rest - known * np.asarray(self._model.with_features(before[0])(before[1]))
-        columns, explained = self._explained(rest[None], white, known, feature, given)
+        banks = self._filter_banks(feature, white, known, given)
+        columns, explained = self._explained(rest[None], white, known, feature, banks)
         chosen = separated(list(columns.values()), explained[0])
         return [{name: float(column[at]) for name, column in columns.items()} for at in chosen]
 
@@ -139,16 +141,27 @@ class FeatureSearch:
         observed: Bool[np.ndarray, "e sample"],
         before: tuple[Mapping[str, AnyFeature], Any],
         feature: AnyFeature,
+        given: Mapping[str, float],
     ) -> dict[str, Float[Array, " start"]]:
-        """As `starts`, of signals that jax traces, 0 where they are not `observed`."""
+        """As `starts`, of signals that jax traces, 0 where they are not `observed`. Raises
+        `BadInput` for filters of more than `MOST_HELD` numbers."""
         known = self._blocks.means(observed.astype(float))
         rest = self._blocks.means(y)
         if before[0]:
             rest = rest - known * self._model.with_features(before[0])(before[1])
         white = np.ones(len(y))
+        banks, held = [], 0
         with outside_traces():
-            self._filter_banks(feature, white, known, {})  # which it remembers
-        columns, explained = self._explained(rest[None], white, known, feature, {})
+            for bank in self._filter_banks(feature, white, known, given):
+                banks.append(bank)
+                held += bank.basis.size + (0 if bank.fixed is None else bank.fixed.size)
+                refuse(
+                    held > MOST_HELD,
+                    f"The search for {type(feature).__name__} tries too many shapes for a program "
+                    "that JAX traces: give narrower ranges "
+                    f"({', '.join(map(range_name, feature.axes))}).",
+                )
+        columns, explained = self._explained(rest[None], white, known, feature, banks)
         places, left = jnp.asarray(_places(list(columns.values()))), explained[0]
         chosen = []
         for _ in range(STARTS):
@@ -164,17 +177,23 @@ class FeatureSearch:
         observed = np.isfinite(ys).all(axis=0)
         known = self._blocks.means(observed.astype(float))
         rest, white = self._blocks.means(np.where(observed, ys, 0.0)), np.ones(ys.shape[1])
-        columns, explained = self._explained(rest, white, known, feature, {})
+        banks = self._filter_banks(feature, white, known, {})
+        columns, explained = self._explained(rest, white, known, feature, banks)
         return {name: column[explained.argmax(axis=1)] for name, column in columns.items()}
 
     def _explained(
-        self, rest: Float[Numbers, "b e block"], white, known, feature: AnyFeature, given
+        self,
+        rest: Float[Numbers, "b e block"],
+        white: Float[np.ndarray, " e"],
+        known: Float[np.ndarray, "e block"],
+        feature: AnyFeature,
+        banks: Iterable[FilterBank],
     ) -> tuple[dict[str, np.ndarray], Any]:
-        """The shapes tried, and how much of each residual they explain; `known`: the fraction of
-        each block's samples that are there, the rest being zero."""
+        """The shapes of the banks, and how much of each residual they explain; `known`: the
+        fraction of each block's samples that are there, the rest being zero."""
         left = self._weighed(rest, white, known).reshape(len(rest), -1)
         shapes, explained = [], []
-        for bank in self._filter_banks(feature, white, known, given):
+        for bank in banks:
             shapes.append(bank.shapes)
             explained.append(bank.explained(left))
         columns = {name: np.concatenate([each[name] for each in shapes]) for name in feature.axes}

@@ -1,15 +1,23 @@
-"""The fit of features of traction under jit, vmap, grad and jvp, by the data and their noise.
+"""The fit of features under jit, vmap, grad and jvp, by the data, their noise and the sensor.
 
 Its parts are those of a known fit. The bank of matched filters gives shapes to start from, one
 feature after the other, and `srsinv.fit` the least of the minima reached, with its derivatives. (A
-known fit takes the first that explains the data.) What checks a known fit is left out: its misfit,
-which widens the standard errors, a drift, and other minima.
+known fit takes the first that explains the data.) What checks a known fit is left out: its misfit
+and the error of its cells, which widen the standard errors, a drift, and other minima.
+
+Cells, ranges and shapes to start from are those of a known sensor: of a traced one they are of the
+one that the fit is `about`.
+
+Of a surface the pressure's derivative jumps where an edge moves over a cell. So the derivatives of
+the estimate, too, are by differences over whole cells. They are those that the standard errors are
+made of.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
@@ -20,7 +28,8 @@ from ...known import is_traced
 from ..diagnostics import Quality
 from ..line.problem import LineProblem
 from ..noise.model import Samples
-from ..nonlinear import TracedFit
+from ..nonlinear import TracedFit, whitener
+from .contact import ContactLoading
 from .fit import FeatureFitter
 from .identifiability import DETECTION_SIGMA, STRONG_CORRELATION
 from .loading import Features
@@ -75,9 +84,13 @@ class TracedFeatureEstimate(eqx.Module):
 
 
 UNTRACED = (
-    "Under jit, vmap and grad a fit of features takes the data and the noise of a LineProblem: "
-    "make its sensor, line and scan outside, without a rig, and take features of traction; "
-    "srsinv.fit takes a model of your own, with derivatives by the sensor."
+    "Under jit, vmap and grad a fit of features needs a LineProblem without a rig, of which JAX "
+    "traces the data, the noise or the sensor alone: of a recorded problem make one outside "
+    "(grid = problem.to_grid()), and put the data in it by eqx.tree_at(lambda p: p.data, grid, y)."
+)
+UNTRACED_CELLS = (
+    "JAX traces the sensor, so that its depth gives no cells and no starts: give a known sensor "
+    "near it, as FeatureFit(features, about=Sensor())."
 )
 
 
@@ -85,33 +98,39 @@ def traceable(features: Features, problem: Any) -> LineProblem:
     """The problem, where its features can be fitted as jax traces it."""
     refuse(
         not isinstance(problem, LineProblem)
-        or problem.scanned is None
         or not features
-        or any(feature.is_of_surface for feature in features.values())
         or problem.rig is not None
-        or is_traced(problem.sensor, problem.line, problem.scan),
+        or is_traced(problem.line, problem.scan, problem.background_Pa),
         UNTRACED,
     )
     return problem
 
 
 def traced_estimate(
-    fitter: FeatureFitter, features: Features, problem: LineProblem, samples: Samples
+    fitter: FeatureFitter,
+    features: Features,
+    problem: LineProblem,
+    samples: Samples,
+    start: Mapping[str, float],
 ) -> TracedFeatureEstimate:
-    """The estimate of a problem whose data or noise jax traces."""
+    """The estimate of a problem of which jax traces the data, the noise or the sensor."""
     assert problem.scanned is not None
     observed = np.asarray(problem.is_observed)[:, problem.scanned.cells]
-    y = jnp.asarray(samples.signal)
-    model, fit, priors = fitter.traced(features, y, observed, samples.noise)
+    y = jnp.where(observed, jnp.asarray(samples.signal), 0.0)
+    model, fit, priors = fitter.traced(features, y, observed, samples.noise, start)
     read: dict[str, Pair] = {}
-    for name in features:
-        read |= _reported(features, name, fit, priors)
+    if any(feature.is_of_surface for feature in features.values()):
+        is_missed = ~(_gain(fit, y, samples.noise, model.free_offset) >= DETECTION_SIGMA**2)
+        read = _of_surface(features, fit, is_missed)
+    else:
+        for name in features:
+            read |= _of_traction(features, name, fit, priors)
     known = (0.0 if each is None else each for each in problem.background_Pa)
     background = jnp.stack([jnp.asarray(each, float) for each in known])
     return TracedFeatureEstimate(dict(features), fit, model, read, problem.line, background)
 
 
-def _reported(
+def _of_traction(
     features: Features, name: str, fit: TracedFit, priors: Mapping[str, Any]
 ) -> dict[str, Pair]:
     """A feature's parameters as `DirectLoading.report` has them of a known fit."""
@@ -138,6 +157,31 @@ def _reported(
         unsure = missed[name] | is_at_bound.get(f"{name}.position_m", False)
         read[f"{prefix}friction"] = ratio, _unless(unsure, spread)
     return read
+
+
+def _of_surface(features: Features, fit: TracedFit, is_missed: Bool[Array, ""]) -> dict[str, Pair]:
+    """The parameters as `ContactLoading.report` has them of a known fit."""
+    limited = _limited(fit)
+    return {
+        reported: (
+            ContactLoading.part_of(fit.value, own),
+            _unless(is_missed | limited[own], ContactLoading.part_of(fit.stderr, own)),
+        )
+        for reported, own in ContactLoading.reported(features, fit.names).items()
+    }
+
+
+def _gain(
+    fit: TracedFit, y: Float[Array, "e sample"], noise: Any, free_offset: bool
+) -> Float[Array, ""]:
+    """Reduction of chi squared by the features, constants taken out: see `undetected_features`."""
+    white, _ = whitener(noise, y.shape)
+    rest = white(y)
+    if free_offset:
+        units = jnp.eye(len(y))[:, :, None] * jnp.ones(y.shape)
+        basis, _ = jnp.linalg.qr(jax.vmap(white, out_axes=1)(units))
+        rest = rest - basis @ (basis.T @ rest)
+    return jnp.vdot(rest, rest) - jnp.vdot(fit.whitened, fit.whitened)
 
 
 def _unless(is_unsure: Any, stderr: Any) -> Float[Array, ""]:

@@ -7,6 +7,7 @@ Quantities that follow from its arrays alone are in model.py.
 import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from numbers import Real
 from typing import Any, NamedTuple
 
@@ -499,5 +500,11 @@ def _scanned(n: int, observed: np.ndarray | None, scan: ConstantSpeed) -> Scanne
 
 
 def _pair(values: Sequence[float | Array | None]):
-    p, q = (None if value is None else as_real(value) for value in values)
+    p, q = (None if value is None else _number(value) for value in values)
     return p, q
+
+
+def _number(value: float | Array) -> Array:
+    """An array of the number, which stays known where jax traces other things."""
+    with nullcontext() if is_traced(value) else outside_traces():
+        return as_real(value)

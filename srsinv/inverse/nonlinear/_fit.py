@@ -13,7 +13,7 @@ from ...errors import refuse
 from ...known import is_traced, outside_traces
 from ..diagnostics import false_minimum
 from ._answer import Fit
-from ._differences import with_differences
+from ._differences import checked_steps, with_differences
 from ._loss import Loss
 from ._parameters import Tree, on_host, parameters
 from ._request import (
@@ -40,9 +40,6 @@ else:
 AT_ONCE = 8  # data whose model is one call: more of them no longer share a processor's cache
 MAX_SEARCHES = 8  # number of best starts to search from
 SCALES = 8  # rounds of estimating an unknown noise level where the minimum depends on it
-UNTRACED_STEPS = (
-    "A minimum by a derivative that jumps (steps) has no slope: fit it outside jit, vmap and grad."
-)
 NORMAL_MAD = 1.4826022185056018  # a normal's standard deviation over its median deviation
 
 
@@ -82,7 +79,8 @@ def fit(
     - `loss`: "squares", "huber", "soft_l1", "cauchy", or a [`Loss`][] with its threshold.
     - `solver`: [`Optimistix`][] (default), [`OptaxLBFGS`][], [`JaxoptLBFGSB`][].
     - `steps`: `{name: step}` for parameters whose derivative jumps with their position between
-      cells: the standard errors then use the central difference over this step.
+      cells: the standard errors, and a traced fit's derivatives, then use the central difference
+      over this step.
 
     Standard errors are those of the linearised problem: (J^T N^-1 J)^-1, with a robust loss Huber's
     M-estimator form. Raises `BadInput` for values that disagree or are out of range.
@@ -91,7 +89,7 @@ def fit(
     values of `initial` and what the model closes over. The fit is then a [`TracedFit`][] of
     `srsinv.inverse.nonlinear`: its values, standard errors and residual, with their derivatives.
     """
-    unknowns = parameters(initial, bounds, free, linear)
+    unknowns, steps = parameters(initial, bounds, free, linear), checked_steps(steps)
     model = hoisted(model, unknowns)
     objective, level_known = objective_of(model, unknowns, checked_data(y), noise, priors, loss)
     points = starting_points(starts, unknowns)
@@ -99,8 +97,7 @@ def fit(
     solver = checked_solver(solver, max_searches=max_searches)
     box = on_host(unknowns.lower), on_host(unknowns.upper)
     if is_traced(objective, points):
-        refuse(bool(steps), UNTRACED_STEPS)
-        made = traced_fit(objective, level_known, solver, points, box, max_searches)
+        made = traced_fit(objective, level_known, solver, points, box, max_searches, steps)
         return cast(Fit, made)  # as far as jax can trace it
     summary = Summary(objective, unknowns, level_known, solver)
     with outside_traces():
@@ -108,7 +105,7 @@ def fit(
 
 
 def _known_fit(
-    objective: Objective, summary: Summary, search: Search, steps: Mapping[str, float] | None
+    objective: Objective, summary: Summary, search: Search, steps: Mapping[str, float]
 ) -> Fit:
     """The fit of known numbers."""
     ends = search(objective)

@@ -8,9 +8,13 @@ second derivative H = J^T J + S, and S = t . d^2 t / dz^2, what c changes moves 
 
 With J = Q R this is -R^-1 (1 + R^-T S R^-1)^-1 R^-T (dg/dc) dc: H itself, of J's condition squared,
 is not formed. What stays on a bound does not move. All of it can be differentiated again.
+
+A derivative that jumps between cells has no slope. By parameters with `steps` J and S are then
+central differences over these, as in the standard errors of a known fit.
 """
 
-from collections.abc import Callable
+import dataclasses
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -24,12 +28,15 @@ from ...compiled import compiled
 from ...errors import refuse
 from ...known import in_jax, is_outside_traces, is_traced
 from ..diagnostics import Quality, unchecked
+from ._differences import ByDifferences
 from ._lengths import lengths
 from ._parameters import Layout, Parameters, Tree
 from ._search import Objective, Search
 from ._solvers import Solver
 from ._summary import AT_BOUND
 from ._uncertainty import ROUNDING_FACTOR, TOUCHED
+
+Steps = tuple[tuple[str, float], ...]  # by parameter
 
 
 class TracedFit(eqx.Module):
@@ -60,6 +67,7 @@ class TracedFit(eqx.Module):
     _layout: Layout = eqx.field(static=True)
     _all: Float[Array, " all"]
     _spread: "_Spread"
+    _steps: "Steps" = eqx.field(static=True)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -74,9 +82,10 @@ class TracedFit(eqx.Module):
     def derive(self, function: Callable[[Tree], Any]) -> tuple[Any, Any]:
         """A function of the parameters, a number or an array (k,), and its standard error to first
         order."""
+        stepped = ByDifferences.around(function, self._layout, self.row, self._steps)
 
         def of(z):
-            return jnp.asarray(function(self._layout.filled(self._all, z)))
+            return jnp.asarray(stepped(self._layout.filled(self._all, z)))
 
         gradient = jax.jacfwd(of)(self.row)
         return of(self.row), self._spread.along(gradient)
@@ -100,6 +109,7 @@ def traced_fit(
     points: Any,
     box: tuple[Any, Any],
     max_searches: int,
+    steps: Mapping[str, float],
 ) -> TracedFit:
     """The fit of an objective, or from points, that jax traces."""
     is_weighed = objective.is_robust or objective.prior_mean is not None
@@ -109,10 +119,12 @@ def traced_fit(
         "give noise, or neither priors nor a robust loss.",
     )
     objective, points, box = in_jax((objective, points, box))
-    end = _minimum(objective, (solver, points, *box, max_searches, level_known))
+    pairs = tuple(steps.items())
+    how = solver, points, *box, max_searches, level_known, float(solver.near_enough)
+    end = _minimum(objective, how, pairs)
     is_answer, layout = end.is_answer > 0, objective.layout
     z = jnp.where(is_answer, end.z, jnp.nan)
-    at = _local(objective, z, level_known)
+    at = _local(_stepped(objective, z, pairs), z, level_known)
     everything = jnp.asarray(objective.row).at[np.asarray(layout.free)].set(z)
     spread = jnp.zeros_like(everything).at[np.asarray(layout.free)].set(at.stderr)
     # Back from the unit in place of an unknown noise level.
@@ -135,6 +147,7 @@ def traced_fit(
         _layout=layout,
         _all=everything,
         _spread=at.spread,
+        _steps=pairs,
     )
 
 
@@ -147,19 +160,31 @@ class _End(NamedTuple):
     is_answer: Float[Array, ""]
 
 
+def _stepped(objective: Objective, z: Float[Array, " m"], steps: Steps) -> Objective:
+    """The objective with differences for derivatives in z by parameters that have steps."""
+    model = ByDifferences.around(objective.model, objective.layout, z, steps)
+    return dataclasses.replace(objective, model=model)
+
+
 @eqx.filter_custom_jvp
-def _minimum(objective: Objective, how: Any) -> _End:
-    """The end of a search; `how`: solver, starts (s, m), bounds (m,), the number of searches, and
-    whether the noise's level is known."""
+def _minimum(objective: Objective, how: Any, steps: Steps) -> _End:
+    """The end of a search; `how`: solver, starts (s, m), bounds (m,), the number of searches,
+    whether the noise's level is known, and how near a minimum a search has converged."""
+    del steps
     return _ended(objective, how)
 
 
 @_minimum.def_jvp
 def _with_slopes(primals: Any, tangents: Any) -> tuple[_End, _End]:
-    (objective, how), (change, _) = primals, tangents
-    end = _minimum(objective, how)
-    _, moved = eqx.filter_jvp(lambda o: _gradient(o, end.z), (objective,), (change,))
-    slope = -_times_inverse(objective, end.z, end.held > 0, moved)
+    (objective, how, steps), (change, *_) = primals, tangents
+    end = _minimum(objective, how, steps)
+
+    def gradient(objective):
+        return _gradient(_stepped(objective, end.z, steps), end.z)
+
+    _, moved = eqx.filter_jvp(gradient, (objective,), (change,))
+    near = _stepped(objective, end.z, steps)
+    slope = -_times_inverse(near, end.z, end.held > 0, moved)
     return end, _End(slope, jnp.zeros_like(end.held), jnp.zeros_like(end.is_answer))
 
 
@@ -171,7 +196,9 @@ def _ended(objective: Objective, how: Any) -> _End:
     # slowest.
     @sequential_vmap
     def of(arrays):
-        objective, (solver, points, lower, upper, most, level_known) = eqx.combine(arrays, rest)
+        objective, (solver, points, lower, upper, most, level_known, near_enough) = eqx.combine(
+            arrays, rest
+        )
         end = Search(solver, points, lower, upper, most).traced(objective)
         z = jnp.asarray(end.z)
         at = _local(objective, z, level_known)
@@ -179,7 +206,7 @@ def _ended(objective: Objective, how: Any) -> _End:
         near = AT_BOUND * jnp.where(jnp.isfinite(at.stderr), at.stderr, 0.0)
         near = near + 8 * jnp.finfo(z.dtype).eps * jnp.abs(z)
         held = (z - lower <= near) | (upper - z <= near)
-        is_near = _distance(objective, z, held, level_known) <= solver.near_enough
+        is_near = _distance(objective, z, held, level_known) <= near_enough
         is_answer = (jnp.asarray(end.done) | is_near) & jnp.isfinite(at.cost)
         return _End(z, held.astype(z.dtype), is_answer.astype(z.dtype))
 
