@@ -27,6 +27,7 @@ from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.error import SensorError
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 
+from ..shape_from_traction.shape import shape_band, shape_under
 from .ranks import RankedMethod, Ranks, drawn, normal_rank
 
 ZERO = 1e-12  # of a precision's largest eigenvalue: below, the prior says nothing
@@ -187,6 +188,41 @@ class RankedAdmissible(RankedMethod):
                 truth = traction(rng)
                 truth = truth - truth.mean(axis=-1, keepdims=True) + np.array([[level], [0.0]])
             return ranks_in_a_cell(truth, method(on.problem(truth, rng)), rng)
+
+        return drawn(one, draws)
+
+
+FRICTION = 0.4
+
+
+@dataclass(frozen=True)
+class RankedPressure(RankedMethod):
+    """Wiener's filter of traction whose friction is known, q = mu p, and the displacement of the
+    skin under it: the profile where the skin touches, here in the middle half of the line."""
+
+    on: DrawnScan
+    spectrum: Exponential
+    label: str = "Wiener, known friction"
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        on, method = self.on, srsinv.Wiener(self.spectrum, self.spectrum)
+        traction, line = DrawnTraction.by(self.spectrum, on.line), on.line
+        cells = np.arange(line.n)
+        touching = (cells >= line.n // 4) & (cells < 3 * line.n // 4)
+
+        def one() -> dict[str, float]:
+            p = traction(rng)[0]
+            truth = np.stack([p - p.mean(), FRICTION * (p - p.mean())])
+            data = np.asarray(on.problem(truth, rng).data)
+            known: dict[str, Any] = {"known_mean_Pa": (on.level_Pa, None), "friction": FRICTION}
+            of = line, on.sensor, on.scan, data, on.power
+            estimate: Any = method(LineProblem.of_sensor(*of, **known))
+            shape, stderr = map(np.asarray, shape_band(line, on.sensor.skin, estimate, touching))
+            true = np.asarray(shape_under(line, on.sensor.skin, as_real(truth[0])))
+            true = true - true[touching].mean()
+            own, cell = ranks_in_a_cell(truth, estimate, rng), int(rng.choice(cells[touching]))
+            rank = normal_rank(true[cell], shape[cell], stderr[cell])
+            return {"p": own["p"], "profile_m": float(rank)}
 
         return drawn(one, draws)
 

@@ -30,6 +30,7 @@ from .inversions import (
     RankedInversion,
     RankedLinear,
     RankedLive,
+    RankedPressure,
     RankedSamples,
     TimedScan,
 )
@@ -135,6 +136,7 @@ def _of_line(
     label = f"{name}, {BROKEN}"
     yield label, lambda n=label, m=method: RankedInversion(n, m, on_whole(), too_narrow=factor)
     yield RankedAdmissible.label, lambda: RankedAdmissible(on_whole(), spectrum)
+    yield RankedPressure.label, lambda: RankedPressure(on_whole(), spectrum)
 
 
 PASSES, SHIFTED_PASSES = 4, 8
