@@ -149,11 +149,12 @@ def _recordings(sensor: Sensor, scan: ConstantSpeed, spectrum: Exponential) -> M
         TimedScan(sensor, float(scan.speed_m_per_s), spectrum, passes)
         for passes in (1, PASSES, SHIFTED_PASSES)
     )
-    for label, on, stage_m in (
-        ("Passes to and fro", to_and_fro, 0.0),
-        ("Passes of a stage that is off", off, STAGE_M),
+    for label, on, stage_m, is_estimated in (
+        ("Passes to and fro", to_and_fro, 0.0, False),
+        ("Passes to and fro, noise estimated", to_and_fro, 0.0, True),
+        ("Passes of a stage that is off", off, STAGE_M, False),
     ):
-        yield label, partial(RankedPasses, label, on, stage_m)
+        yield label, partial(RankedPasses, label, on, stage_m, is_estimated)
     yield RankedTolerances.label, partial(RankedTolerances, once)
     yield RankedUncertainFit.label, partial(RankedUncertainFit, once)
     yield RankedKernel.label, partial(RankedKernel, sensor, scan, spectrum)

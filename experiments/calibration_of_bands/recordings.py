@@ -46,22 +46,24 @@ STAGE_M = 2e-5  # rms by which the stage is off in each pass
 
 @dataclass(frozen=True)
 class RankedPasses(RankedMethod):
-    """Wiener's filter of passes to and fro, whose noise level is an estimate.
+    """Wiener's filter of passes to and fro.
 
-    `stage_m`: rms by which the stage is off in each pass, a normal deviate of its own. Where it is
-    above zero, the shift of a pass against the others of its direction is ranked, too.
+    - `stage_m`: rms by which the stage is off in each pass, a normal deviate of its own. Where it
+      is above zero, the shift of a pass against the others of its direction is ranked, too.
+    - `is_noise_estimated`: whether the level of the noise is an estimate, as a recording's is.
     """
 
     label: str
     on: TimedScan
     stage_m: float = 0.0
+    is_noise_estimated: bool = False
     is_quick: bool = False
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         on, motion = self.on, self.on.motion
         position = np.asarray(motion.position_m)
         passes, record = passes_of(position), on.recorder(on.line)
-        noise = SampleNoise(record.noise_rms, is_estimate=True)
+        noise = SampleNoise(record.noise_rms, is_estimate=self.is_noise_estimated)
 
         def one() -> dict[str, float]:
             shifts, true = self.stage_m * rng.standard_normal(len(passes)), position.copy()

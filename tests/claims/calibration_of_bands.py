@@ -35,6 +35,7 @@ SLOW_METHODS = (
     "Direction of a ridge",
     "srsinv.sample (NUTS)",
     "Passes to and fro",
+    "Passes to and fro, noise estimated",
     "Passes of a stage that is off",
     "Wiener, tolerances",
     "Fit of strip load, tolerances",
