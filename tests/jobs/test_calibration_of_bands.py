@@ -76,7 +76,7 @@ def methods(*overrides):
 
 
 def test_models_are_built_of_the_chosen_methods_alone(monkeypatch):
-    """So that a quick one does not wait for the others; settings of all are checked nevertheless."""
+    """A quick one does not wait for the others. The settings of all are checked nevertheless."""
     built = []
 
     def counted(line, *rest):
@@ -112,6 +112,7 @@ def test_passes_are_drawn_as_a_recording_has_them():
     assert np.sqrt(np.mean(left**2)) < grid.noise_rms
 
 
+@pytest.mark.full
 def test_drawn_rigs_differ_by_their_tolerances():
     """The depth by 5 %, the speed by 1 %; the stated ones stay as they are."""
     motion = srsinv.Motion.from_speed(np.arange(50) / 1e3, 0.05, 0.0)
