@@ -16,6 +16,8 @@ from .errors import choice, echo, mapping, number, refuse, whole
 from .targets import TARGET, make
 
 if TYPE_CHECKING:  # most import jax
+    from pathlib import Path
+
     import jax
 
     from .effects import Effect, ScreeningResult
@@ -33,6 +35,7 @@ if TYPE_CHECKING:  # most import jax
     from .inverse.nonlinear import Solver
     from .inverse.problem import Problem
     from .recording import Reader, Recording
+    from .recording.known_passes import KnownPasses
     from .report.section import Section
 
 Config = Mapping[str, Any]
@@ -63,6 +66,8 @@ def check_early(cfg: Config) -> None:
         from .recording import check_settings
 
         check_settings(settings, reader(cfg))
+    if "bands" in cfg:
+        known_passes(cfg)
 
 
 def part(cfg: Config, name: str) -> Mapping[str, Any]:
@@ -282,6 +287,18 @@ def recording(cfg: Config, default: str | None = None) -> Recording:
     for note in recording.notes:
         say(f"{recording.name}: {note}")
     return recording
+
+
+def known_passes(cfg: Config) -> KnownPasses | None:
+    """The passes over known surfaces on which bands are calibrated; None where there are none."""
+    from .recording.known_passes import KnownPasses
+
+    return KnownPasses.of(part(cfg, "bands"))
+
+
+def of_file(cfg: Config, path: Path) -> Config:
+    """The configuration with another file in place of its recording, under the same settings."""
+    return {**cfg, "recording": {**part(cfg, "recording"), "path": str(path)}}
 
 
 def recorded_problem(

@@ -8,14 +8,15 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 import srsinv
 from srsinv.errors import refuse
 from srsinv.forward.noise import Noise, exponential_spectrum, total_spectrum
+from srsinv.forward.operator import MotionOperator
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
-from srsinv.grid import Line, Open, Operator, as_real
+from srsinv.grid import Line, Open, as_real
 from srsinv.inverse.constrained_estimate import ConstrainedEstimate
 from srsinv.inverse.estimate import COMPONENTS, Estimate, TractionEstimate
 from srsinv.inverse.line.prior import Prior
@@ -23,8 +24,10 @@ from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.method import Method
 from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.rig.error import SensorError
 from srsinv.inverse.wiener import Exponential, SpectralPrior
 
+from ..shape_from_traction.shape import shape_band, shape_under
 from .ranks import RankedMethod, Ranks, drawn, normal_rank
 
 ZERO = 1e-12  # of a precision's largest eigenvalue: below, the prior says nothing
@@ -111,16 +114,20 @@ class DrawnScan:
 
 
 def ranks_in_a_cell(
-    truth: Traction, estimate: Estimate, rng: np.random.Generator
+    truth: Traction,
+    estimate: Estimate,
+    rng: np.random.Generator,
+    cells: Bool[np.ndarray, " n"] | None = None,
 ) -> dict[str, float]:
-    """The ranks of p and q in a cell drawn at random, of deviations from a mean where the estimate
-    is one."""
+    """The ranks of p and q in a cell drawn at random from `cells`, a mask, or from all of the
+    line; of deviations from a mean where the estimate is one."""
     value, stderr = np.asarray(estimate.value), np.asarray(estimate.stderr)
     off = truth - value
     if isinstance(estimate, TractionEstimate) and estimate.mean_weights is not None:
         weights = np.asarray(estimate.mean_weights)
         off = off - np.sum(weights * off, axis=-1, keepdims=True)
-    cell = int(rng.integers(value.shape[1]))
+    among = np.arange(value.shape[1]) if cells is None else np.flatnonzero(cells)
+    cell = int(among[rng.integers(among.size)])
     if isinstance(estimate, ConstrainedEstimate):
         rank = np.mean(np.asarray(estimate.draws)[:, :, cell] < truth[:, cell], axis=0)
         return dict(zip(COMPONENTS, map(float, rank), strict=True))
@@ -185,7 +192,43 @@ class RankedAdmissible(RankedMethod):
         return drawn(one, draws)
 
 
+FRICTION = 0.4
+
+
+@dataclass(frozen=True)
+class RankedPressure(RankedMethod):
+    """Wiener's filter of traction whose friction is known, q = mu p, and the displacement of the
+    skin under it: the profile where the skin touches, here in the middle half of the line."""
+
+    on: DrawnScan
+    spectrum: Exponential
+    label: str = "Wiener, known friction"
+
+    def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
+        on, method = self.on, srsinv.Wiener(self.spectrum, self.spectrum)
+        traction, line = DrawnTraction.by(self.spectrum, on.line), on.line
+        cells = np.arange(line.n)
+        touching = (cells >= line.n // 4) & (cells < 3 * line.n // 4)
+
+        def one() -> dict[str, float]:
+            p = traction(rng)[0]
+            truth = np.stack([p - p.mean(), FRICTION * (p - p.mean())])
+            data = np.asarray(on.problem(truth, rng).data)
+            known: dict[str, Any] = {"known_mean_Pa": (on.level_Pa, None), "friction": FRICTION}
+            of = line, on.sensor, on.scan, data, on.power
+            estimate: Any = method(LineProblem.of_sensor(*of, **known))
+            shape, stderr = map(np.asarray, shape_band(line, on.sensor.skin, estimate, touching))
+            true = np.asarray(shape_under(line, on.sensor.skin, as_real(truth[0])))
+            true = true - true[touching].mean()
+            own, cell = ranks_in_a_cell(truth, estimate, rng), int(rng.choice(cells[touching]))
+            rank = normal_rank(true[cell], shape[cell], stderr[cell])
+            return {"p": own["p"], "profile_m": float(rank)}
+
+        return drawn(one, draws)
+
+
 LENGTH_M, RATE_HZ = 0.02, 4e3  # of scans that are sampled in time
+TURN_S = 0.0125  # that a turn between two passes takes
 CELLS_PER_DEPTH = 8
 BEYOND_DEPTHS = 12  # of traction on both sides of a scan
 RELATIVE_NOISE = 0.01  # of the signal's rms
@@ -193,11 +236,13 @@ RELATIVE_NOISE = 0.01  # of the signal's rms
 
 @dataclass(frozen=True)
 class TimedScan:
-    """A scan at constant speed, sampled evenly in time; p and q have one spectrum."""
+    """A scan at constant speed, sampled evenly in time, of one pass or of several to and fro; p and
+    q have one spectrum."""
 
     sensor: Sensor
     speed_m_per_s: float
     spectrum: Exponential
+    passes: int = 1
 
     @property
     def cell_m(self) -> float:
@@ -207,8 +252,23 @@ class TimedScan:
     @cached_property
     def motion(self) -> Motion:
         """The motion at every sample."""
-        count = int(LENGTH_M / self.speed_m_per_s * RATE_HZ)
-        return Motion.from_speed(np.arange(count) / RATE_HZ, self.speed_m_per_s, 0.0)
+        steady = np.ones(int(LENGTH_M / self.speed_m_per_s * RATE_HZ))
+        turn = np.cos(np.linspace(0.0, np.pi, int(TURN_S * RATE_HZ)))
+        parts = [(-1) ** i * each for i in range(self.passes) for each in (steady, turn)][:-1]
+        speed = self.speed_m_per_s * np.concatenate(parts)
+        return Motion.from_speed(np.arange(speed.size) / RATE_HZ, speed, 0.0)
+
+    def problem(
+        self, signal: Float[np.ndarray, "e sample"], noise: Any, rig: SensorError | None = None
+    ) -> Problem:
+        """The problem of such a signal; `rig`: how well the sensor is known."""
+        return Problem(self.sensor, self.motion, signal, noise, cell_m=self.cell_m, rig=rig)
+
+    @property
+    def line(self) -> Line:
+        """The cells that a signal is put on."""
+        nothing = np.zeros((len(self.sensor.elements), self.motion.time_s.size))
+        return self.problem(nothing, 1.0).to_grid().line
 
     @property
     def prior(self) -> srsinv.Wiener:
@@ -217,12 +277,20 @@ class TimedScan:
 
     def recorder(self, line: Line) -> "DrawnRecording":
         """The draws on a line."""
-        operator = self.sensor.operator_along(line, self.motion, directions=(True,))
+        operator = operator_along(line, self.sensor, self.motion)
         traction = DrawnTraction.by(self.spectrum, line)
-        signal = np.asarray(operator(as_real(traction(np.random.default_rng(0)))))
-        return DrawnRecording(
-            traction, operator, RELATIVE_NOISE * float(np.sqrt(np.mean(signal**2)))
-        )
+        bare = DrawnRecording(traction, operator, 0.0)
+        _, signal = bare(np.random.default_rng(0))
+        level = RELATIVE_NOISE * float(np.sqrt(np.mean(signal**2)))
+        return dataclasses.replace(bare, noise_rms=level)
+
+
+BACKWARD = np.array([[1.0], [-1.0]])  # times p and q of sliding towards +x: those of -x
+
+
+def operator_along(line: Line, sensor: Sensor, motion: Motion) -> MotionOperator:
+    """From traction on a line to the samples along a motion, which may turn."""
+    return sensor.operator_along(line, motion, directions=motion.directions)
 
 
 @dataclass(frozen=True)
@@ -230,13 +298,18 @@ class DrawnRecording:
     """Traction on a line and the samples that are recorded of it, with white noise of this rms."""
 
     traction: DrawnTraction
-    operator: Operator
+    operator: MotionOperator
     noise_rms: float
+
+    def of(self, operator: MotionOperator) -> "DrawnRecording":
+        """The same draws with the signals of another operator."""
+        return dataclasses.replace(self, operator=operator)
 
     def __call__(self, rng: np.random.Generator) -> tuple[Traction, Float[np.ndarray, "e sample"]]:
         """A draw of the traction [Pa], and of its signal."""
-        truth = self.traction(rng)
-        clean = np.asarray(self.operator(as_real(truth)))
+        truth, turns = self.traction(rng), len(self.operator.directions) > 1
+        acting = np.stack([truth, BACKWARD * truth]) if turns else truth
+        clean = np.asarray(self.operator(as_real(acting)))
         return truth, clean + self.noise_rms * rng.standard_normal(clean.shape)
 
 
@@ -249,16 +322,12 @@ class RankedSamples(RankedMethod):
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         on = self.on
-        nothing = np.zeros((len(on.sensor.elements), on.motion.time_s.size))
-        record = on.recorder(
-            Problem(on.sensor, on.motion, nothing, 1.0, cell_m=on.cell_m).to_grid().line
-        )
+        record = on.recorder(on.line)
         noise = SampleNoise(record.noise_rms, is_estimate=True)
 
         def one() -> dict[str, float]:
             truth, signal = record(rng)
-            estimate = on.prior(Problem(on.sensor, on.motion, signal, noise, cell_m=on.cell_m))
-            return ranks_in_a_cell(truth, estimate, rng)
+            return ranks_in_a_cell(truth, on.prior(on.problem(signal, noise)), rng)
 
         return drawn(one, draws)
 

@@ -22,6 +22,7 @@ from jaxtyping import Array, Float
 from ..errors import BadInput, number, of_kind, refuse
 from ..grid import as_real
 from ..numerics import BAND_90
+from ..recording.known_passes import check_count
 from .constrained_estimate import ConstrainedEstimate
 from .estimate import COMPONENTS, Estimate, TractionEstimate, deviation
 from .line.problem import LineProblem
@@ -72,12 +73,7 @@ class Conformal(Method):
         wanted = "a number between 0 and 1"
         number("confidence", confidence, wanted, above=0, below=1)
         number("share", share, wanted, above=0, below=1)
-        needed = math.ceil(confidence / (1 - confidence) - 1e-9)
-        refuse(
-            len(passes) < needed,
-            f"{len(passes)} passes are too few for a confidence of {confidence:g}: give {needed} "
-            "or more, or a lower confidence.",
-        )
+        check_count(len(passes), confidence)
         scores = np.array([_score(method(problem), truth, share) for problem, truth in passes])
         # With rounding of (K + 1) times a decimal fraction left aside.
         k = math.ceil((len(passes) + 1) * confidence - 1e-9)

@@ -1,9 +1,14 @@
 """Invert a recorded signal: p and q by every method named, with bands and resolution."""
 
+import dataclasses
+
+import xarray
+
 from .. import config
 from ..inverse.gridding.directions import pressure_by_direction
 from ..report.result import Result
 from . import _facts
+from ._conformal import with_conformal
 from ._inversion import InversionCase
 from ._inversion import run as invert
 from ._recorded import check_invertible, on_cells, traction_unit_named
@@ -16,6 +21,7 @@ def run(cfg: config.Config) -> Result:
         recording = config.recording(cfg)
         check_invertible(recording, unit)
         problem = config.recorded_problem(cfg, recording)
+        every, calibrated = with_conformal(cfg, methods, problem, unit)
         gridded = on_cells(problem)
         facts = {
             **_facts.of_recording(recording, problem, config.part(cfg, "recording").get("times")),
@@ -24,11 +30,11 @@ def run(cfg: config.Config) -> Result:
             **_facts.of_friction(cfg["friction"]),
         }
         assert gridded.sensor is not None
-        return invert(
+        result = invert(
             InversionCase(
                 problem=gridded,
                 sensor=gridded.sensor,
-                methods=methods,
+                methods=every,
                 facts=facts,
                 name=recording.name,
                 signal_unit=recording.signal_unit,
@@ -36,3 +42,8 @@ def run(cfg: config.Config) -> Result:
                 check=lambda method, joint: pressure_by_direction(method, problem, joint),
             )
         )
+        if calibrated is None:
+            return result
+        both = result.dataset, calibrated
+        data = xarray.merge(both, join="exact", combine_attrs="no_conflicts")
+        return dataclasses.replace(result, dataset=data)

@@ -1,4 +1,4 @@
-"""Ranks of truths by every method, over as many draws as find an error of a few per cent (half an
+"""Ranks of truths by every method, over as many draws as find an error of a few per cent (an
 hour), and by rules that do not choose weights for bands (a minute)."""
 
 from srsinv.jobs.trials import Row
@@ -21,6 +21,7 @@ QUICK_METHODS = (
     "Fit of strip load",
     "Pitch of a board",
     "srsinv.fit",
+    "Wiener, known friction",
 )
 SLOW_METHODS = (
     "Tikhonov, open with gaps",
@@ -33,6 +34,13 @@ SLOW_METHODS = (
     "Semi-blind",
     "Direction of a ridge",
     "srsinv.sample (NUTS)",
+    "Passes to and fro",
+    "Passes to and fro, noise estimated",
+    "Passes of a stage that is off",
+    "Wiener, tolerances",
+    "Fit of strip load, tolerances",
+    "Wiener, measured kernel",
+    "Theory of a measured kernel",
 )
 OTHER_RULES = ("aicc", "discrepancy", "l_curve", "ncp", "quasi_optimality")
 

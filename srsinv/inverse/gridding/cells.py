@@ -255,15 +255,16 @@ def _interpolated(
 ) -> Float[np.ndarray, " cell"]:
     """Values given at `at`, interpolated to the centres of the same cells; NaN stays.
 
-    Beside a gap by the slope on its other side: one across the gap is not that at its edge.
+    Beside a gap and at the ends by the slope on the other side: one across the gap is not that at
+    its edge, and beyond the ends there is none. In the last cell before a turn the samples are
+    slower the farther they are, so that their weighted mean is far off its centre.
     """
     moved, last = values.copy(), values.size - 1
     cells = np.flatnonzero(np.isfinite(values) & (centres != at))
     side = np.where(centres[cells] > at[cells], 1, -1)
-    beside = cells + side
-    inside = (beside >= 0) & (beside <= last)  # at the scan's ends the value is taken as it is
-    cells, side, beside = cells[inside], side[inside], beside[inside]
-    beside = np.where(np.isfinite(values[beside]), beside, np.clip(cells - side, 0, last))
+    beside, other = (np.clip(each, 0, last) for each in (cells + side, cells - side))
+    is_known = (beside != cells) & np.isfinite(values[beside])
+    beside = np.where(is_known, beside, other)
     # Cells whose samples are all at one place have one value, and no slope.
     known = (at[beside] != at[cells]) & np.isfinite(values[beside])
     i, j = cells[known], beside[known]

@@ -27,7 +27,15 @@ from .causes import LikelyCause, causes_of_noise, in_words
 from .facts import with_learned_facts
 from .model import of_walk
 from .trend import SMOOTH, STRAIGHT, trend_columns
-from .whittle import TAIL, WALK, CellSignals, Likelihood, NoiseParameters, SpectralBands
+from .whittle import (
+    TAIL,
+    WALK,
+    CellSignals,
+    Likelihood,
+    NoiseParameters,
+    SpectralBands,
+    mean_square_scale,
+)
 
 
 class CellNoise(NamedTuple):
@@ -106,7 +114,7 @@ def with_found_noise(
     found = cell_noise(problem, depth_m, is_drifting)
     if found is None:
         return problem
-    power = found.power(problem.line)
+    power = found.power(problem.line) / mean_square_scale(problem)[:, None]  # which is on it
     power[:, 0] = np.where(problem.has_free_offset, np.inf, power[:, 0])
     changed = {"noise": jnp.asarray(power, problem.noise.dtype)}
     if found.degree >= 0:

@@ -58,10 +58,7 @@ class CellSignals(NamedTuple):
         """Those of a problem, its nuisance taken out."""
         problem = scored(problem)
         white = np.asarray(problem.noise, float)[:, -1]
-        white = np.broadcast_to(white, len(problem.data)).copy()
-        if problem.noise_scale is not None:
-            squares = np.where(problem.is_observed, np.asarray(problem.noise_scale) ** 2, 0.0)
-            white *= squares.sum(axis=1) / np.maximum(problem.is_observed.sum(axis=1), 1)
+        white = white * mean_square_scale(problem)
         level = np.sqrt(white)[:, None]
         data = np.where(problem.is_observed, np.asarray(problem.data, float) / level, np.nan)
         gain = np.asarray(problem.forward.circulant().transfer, complex) / level[:, None]
@@ -95,6 +92,15 @@ class CellSignals(NamedTuple):
             total = total + spectrum[:, None] * spectrum[None].conj()
             squares += float(taper @ taper)
         return np.asarray(total / squares)
+
+
+def mean_square_scale(problem: LineProblem) -> Float[np.ndarray, " e"]:
+    """The mean over the samples of each element of the square of the factors on the noise: of a
+    mean over K passes 1 / K."""
+    if problem.noise_scale is None:
+        return np.ones(len(problem.data))
+    squares = np.where(problem.is_observed, np.asarray(problem.noise_scale) ** 2, 0.0)
+    return squares.sum(axis=1) / np.maximum(problem.is_observed.sum(axis=1), 1)
 
 
 class SpectralBands(NamedTuple):

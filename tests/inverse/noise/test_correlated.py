@@ -9,7 +9,7 @@ from experiments.robustness.faults import faults, faulty
 from experiments.robustness.hindsight import best_in_hindsight
 from experiments.robustness.scans import RATE_HZ, SCENES, SPEED, ornstein_uhlenbeck, scan
 from srsinv.inverse.estimate import coverage_90, relative_error
-from srsinv.inverse.noise.correlated import cell_noise
+from srsinv.inverse.noise.correlated import cell_noise, with_found_noise
 from srsinv.inverse.noise.whittle import CellSignals, Likelihood, SpectralBands
 from srsinv.inverse.tikhonov import Tikhonov
 from srsinv.modules import with_fields
@@ -94,6 +94,16 @@ def test_what_is_found_has_the_signals_unit():
     other = cell_noise(as_white(small), DEPTH_M)
     assert other.correlated == pytest.approx(one.correlated * 2.0**-40, rel=1e-3)
     assert other.length_m == pytest.approx(one.length_m, rel=1e-3)
+
+
+def test_noise_of_averages_is_found_as_any_other():
+    """A mean over four passes has half the noise's level as a factor on it: the same noise."""
+    grid = as_white(correlated(TWO, 0, 2.0, 0.01), cell_m=2e-4)
+    half = np.full(np.shape(grid.data), 0.5)
+    averaged = with_fields(grid, noise=4 * grid.noise, noise_scale=half)
+    one, other = (with_found_noise(each, DEPTH_M) for each in (grid, averaged))
+    assert len(one.warnings) == 1
+    np.testing.assert_allclose(0.25 * other.noise[:, 1:], one.noise[:, 1:], rtol=1e-6)
 
 
 FAULTS = [
