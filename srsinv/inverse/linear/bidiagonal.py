@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...compiled import compiled
+from ...errors import refuse
 from ...known import Numbers, in_jax
 from .standard import StandardForm
 
@@ -250,5 +251,10 @@ class SingularSpace:
                 self._parts.append(part)
 
     def triplets(self) -> Triplets:
+        """All that are found. Raises `BadInput` where H is zero."""
+        refuse(
+            not self.first.below,
+            "operator is zero for all that the prior weighs: give one that maps unknowns to data.",
+        )
         parts = [part.triplets() for part in self._parts if part.below]
         return Triplets(*(np.concatenate(each) for each in zip(*parts, strict=True)))

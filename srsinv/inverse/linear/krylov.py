@@ -18,7 +18,6 @@ import numpy as np
 import scipy.linalg
 from jaxtyping import Array, Float
 
-from ...errors import refuse
 from ...known import Numbers
 from ...status import Status
 from ..line.prior import Score
@@ -116,7 +115,7 @@ class KrylovChoice(NamedTuple):
 def choose_weight(form: StandardForm, rule: Rule) -> KrylovChoice:
     """The rule's weight of a problem that is known.
 
-    Raises `BadInput` where the data do not depend on what the prior weighs.
+    Raises `BadInput` where the operator is zero.
     """
     of, least = products(form), min(form.data.size, form.size)
     most = min(least, MOST_STEPS, max(MOST_NUMBERS // (form.data.size + form.size), FIRST_STEPS))
@@ -215,14 +214,7 @@ class _Trial:
 
 
 def _modes(form: StandardForm, triplets: Triplets) -> Modes:
-    """Singular vectors as modes of the unknown.
-
-    Raises `BadInput` where there are none.
-    """
-    refuse(
-        triplets.values.size == 0 or not np.any(triplets.values),
-        "operator is zero: give one that maps unknowns to data.",
-    )
+    """Singular vectors as modes of the unknown."""
     return modes_of_left(
         triplets.left.T, np.asarray(form.data, float), each_unknown(form, triplets.right).T,
         triplets.values, np.ones(triplets.values.size), 1.0, 1.0,

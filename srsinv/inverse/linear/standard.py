@@ -20,7 +20,7 @@ import scipy.linalg
 from jaxtyping import Float
 
 from ...errors import refuse
-from ...known import Numbers, in_jax, is_traced, namespace
+from ...known import Numbers, in_jax, namespace
 from .prior import Differences, PriorFactors
 from .problem import LinearProblem
 
@@ -164,16 +164,13 @@ def root_inverse(factors: PriorFactors) -> RootInverse:
 
 def _of_matrix(root: Any) -> RootInverse:
     rows, k = root.shape
-    none = np.zeros((k, 0))
-    if is_traced(root):
-        return TriangularInverse(none, k, jnp.linalg.qr(root, mode="r"))
     root = np.asarray(root)
     if rows >= k:
         is_factor = rows == k and not np.any(np.tril(root, -1))
         triangle = root if is_factor else np.linalg.qr(root)[1]
         (estimate,) = scipy.linalg.get_lapack_funcs(("trcon",), (triangle,))
         if estimate(triangle)[0] > k * np.finfo(float).eps:
-            return TriangularInverse(none, k, triangle)
+            return TriangularInverse(np.zeros((k, 0)), k, triangle)
     _, values, right = scipy.linalg.svd(root)
     count = int(np.sum(values > max(rows, k) * np.finfo(float).eps * values[0]))
     return PseudoInverse(right[count:].T, count, right[:count].T / values[:count])
@@ -269,7 +266,7 @@ def _back(problem: LinearProblem, factors: PriorFactors, y: Any) -> Any:
 
 
 def standard_form(problem: LinearProblem, factors: PriorFactors) -> StandardForm:
-    """The problem under a prior in standard form.
+    """The problem under a prior in standard form, of a problem that is known.
 
     Raises `BadInput` where data and prior leave a combination of unknowns undetermined.
     """
@@ -287,14 +284,14 @@ def standard_form(problem: LinearProblem, factors: PriorFactors) -> StandardForm
         return StandardForm(problem, factors, inverse, data, outer, xp.zeros(0), free, pulled)
     columns = xp.stack([_ahead(problem, factors, null[:, i]) for i in range(d)], axis=1)
     outer, triangle = xp.linalg.qr(columns)
-    if not is_traced(triangle):
-        size = np.abs(np.diag(np.asarray(triangle)))
-        least = columns.shape[0] * np.finfo(float).eps * np.max(size, initial=0.0)
-        refuse(
-            size.size < d or bool(np.any(size <= least)),
-            "The data and the prior leave a combination of unknowns undetermined: give order=0 or "
-            "a prior of all unknowns.",
-        )
+    signs = xp.asarray(np.random.default_rng(0).choice([-1.0, 1.0], factors.coordinates))
+    norm = xp.linalg.norm(_ahead(problem, factors, signs))  # about Frobenius's of the operator
+    least = max(columns.shape) * np.finfo(float).eps * norm
+    refuse(
+        columns.shape[0] < d or bool(np.any(np.abs(np.diag(np.asarray(triangle))) <= least)),
+        "The data and the prior leave a combination of unknowns undetermined: give order=0 or a "
+        "prior of all unknowns.",
+    )
     free = _triangular(triangle, null.T, trans=1).T
     back = [inverse.transpose(_back(problem, factors, outer[:, i])) for i in range(d)]
     along = outer.T @ data
