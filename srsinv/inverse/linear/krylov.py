@@ -41,8 +41,10 @@ MOST_STEPS = 1024  # beyond, orthogonal bases take longer than most operators
 MOST_NUMBERS = 2**28  # in the bases, 2 GB
 RESIDUAL = 1e-5  # of the normal equations, relative: scores are off by about its square
 MARGIN = 0.5  # decades that a weight lies above the lowest one, or more steps are made
-FIRST_PROBES, MOST_PROBES = 8, 32  # random vectors
-WEIGHT_ERROR = 0.05  # of the weight by its probes: below it no further ones are drawn
+LOOK_PROBES = 4  # random vectors, by which a first choice shows whether more steps are needed
+FIRST_PROBES, MOST_PROBES = 16, 64  # of a choice
+GROUPS = 8  # of probes, of which the jackknife leaves out one
+WEIGHT_ERROR = 0.02  # of the weight by its probes: below it more steps and probes are not made
 QUADRATURE = (
     1e-2  # of the degrees of freedom: the bracket at the lowest weight, far wider than the error
 )
@@ -124,11 +126,13 @@ def choose_weight(form: StandardForm, rule: Rule) -> KrylovChoice:
     while True:
         space.extend(steps, most)
         trial = _Trial(form, rule, of, space)
-        trial.draw(0 if space.is_exact else FIRST_PROBES)
-        log_weight, status = trial.choose()
-        is_near = trial.is_cut and log_weight < trial.low + MARGIN
-        if space.is_exact or steps >= most or not is_near:
-            return trial.choice(log_weight, status)
+        if space.is_exact:
+            return trial.choice()
+        trial.draw(LOOK_PROBES, 2 * steps)
+        if trial.is_above() or steps >= most:
+            trial.draw(FIRST_PROBES, 2 * steps)
+            if steps >= most or (trial.is_above() and trial.error() <= WEIGHT_ERROR):
+                return trial.choice(MOST_PROBES if steps >= most else 0, 2 * steps)
         steps = min(2 * steps, most)
 
 
@@ -140,6 +144,7 @@ class _Trial:
         self._form, self._rule, self._of = form, rule, of
         self._rng, self._is_exact = np.random.default_rng(1), space.is_exact
         self._rules: list[Quadrature] = []
+        self._chosen: dict[tuple[int, int | None], tuple[float, Status]] = {}
         self._triplets = triplets = space.triplets()
         self._known = triplets if space.is_exact else triplets.converged()
         self._modes = _modes(form, triplets)
@@ -158,8 +163,8 @@ class _Trial:
     def is_cut(self) -> bool:
         return self.low > self._logs[-1]
 
-    def draw(self, count: int) -> None:
-        """Further probes, so many in all."""
+    def draw(self, count: int, steps: int) -> None:
+        """Further probes, so many in all, each in so many steps at most."""
         margin = MARGIN if self.is_cut else 0.0
         lowest, squares = 10.0 ** (self.low + margin), self._known.values**2
         freedom = self._form.free_count + float(np.sum(squares / (squares + lowest)))
@@ -167,12 +172,18 @@ class _Trial:
         while len(self._rules) < count:
             signs = self._rng.choice([-1.0, 1.0], self._form.data.size)
             signs = signs - (left @ signs) @ left
-            made = quadrature(self._of, signs - (left @ signs) @ left, lowest, freedom)
+            made = quadrature(self._of, signs - (left @ signs) @ left, lowest, freedom, steps)
             self._rules.append(made)
             self.low = max(self.low, made.lowest(self._logs, freedom) - margin)
 
     def choose(self, left_out: int | None = None) -> tuple[float, Status]:
-        """The log10 weight by all probes, or by all but one."""
+        """The log10 weight by all probes, or by all but those of one group."""
+        of = len(self._rules), left_out
+        if of not in self._chosen:
+            self._chosen[of] = self._choose(left_out)
+        return self._chosen[of]
+
+    def _choose(self, left_out: int | None) -> tuple[float, Status]:
         scores = KrylovScores(1, ModeScores(1, self._modes), self._traces(left_out))
         scorer = ModeScorer(scores, self._form.data.size)
         made = choose(self._rule, scorer, np.array([[self.low], [self._high]]))
@@ -180,37 +191,43 @@ class _Trial:
 
     def _traces(self, left_out: int | None) -> Traces:
         count, longest = len(self._rules), max((each.nodes.size for each in self._rules), default=0)
-        rows = MOST_PROBES if count else 0  # one shape, for which one program is compiled
+        rows = max(count, FIRST_PROBES) if count else 0  # of one shape, as each makes a program
         nodes, masses, share = np.zeros((rows, longest)), np.zeros((rows, longest)), np.zeros(rows)
         for i, each in enumerate(self._rules):
             nodes[i, : each.nodes.size] = each.nodes.ravel()
             masses[i, : each.nodes.size] = each.masses.ravel() / 2
-            share[i] = float(i != left_out)
+            share[i] = float(i % GROUPS != left_out)
         share = share / max(np.sum(share), 1.0)
         return Traces(self._known.values, nodes, masses, share, self._form.free_count)
 
-    def choice(self, log_weight: float, status: Status) -> KrylovChoice:
-        """The choice, with as many probes as its error needs."""
-        error, count = self._error(log_weight), len(self._rules)
-        while error > WEIGHT_ERROR and count < MOST_PROBES:
-            count *= 2
-            self.draw(count)
-            log_weight, status = self.choose()
-            error = self._error(log_weight)
-        weight, values = 10.0**log_weight, self._triplets.values
-        along = self._modes.data * values / (values**2 + weight)
-        mean, condition = along @ self._triplets.right, np.sqrt(1 + np.max(values) ** 2 / weight)
-        known = self._triplets if self._is_exact else None
-        return KrylovChoice(weight, status, mean, known, float(condition), count, error)
+    def is_above(self) -> bool:
+        """Whether the choice is clearly above the lowest weight."""
+        return not self.is_cut or self.choose()[0] >= self.low + MARGIN
 
-    def _error(self, log_weight: float) -> float:
+    def error(self) -> float:
         """The jackknife's standard deviation of the weight's logarithm; 0 where the criterion has
         no traces."""
-        count = len(self._rules)
-        if count == 0 or self.choose(0)[0] == log_weight == self.choose(1)[0]:
+        if not self._rules or self.choose(0) == self.choose(1) == self.choose():
             return 0.0
-        logs = np.log(10) * np.array([self.choose(i)[0] for i in range(count)])
-        return float(np.sqrt((count - 1) * np.var(logs)))
+        logs = np.log(10) * np.array([self.choose(i)[0] for i in range(GROUPS)])
+        return float(np.sqrt((GROUPS - 1) * np.var(logs)))
+
+    def choice(self, most: int = 0, steps: int = 0) -> KrylovChoice:
+        """The choice, after twice as many probes at a time until its error is small, or `most`."""
+        while self.error() > WEIGHT_ERROR and len(self._rules) < most:
+            self.draw(2 * len(self._rules), steps)
+        (log_weight, status), values = self.choose(), self._triplets.values
+        weight = 10.0**log_weight
+        along = self._modes.data * values / (values**2 + weight)
+        return KrylovChoice(
+            weight=weight,
+            status=status,
+            mean=along @ self._triplets.right,
+            triplets=self._triplets if self._is_exact else None,
+            condition=float(np.sqrt(1 + np.max(values) ** 2 / weight)),
+            probes=len(self._rules),
+            weight_error=self.error(),
+        )
 
 
 def _modes(form: StandardForm, triplets: Triplets) -> Modes:
@@ -238,12 +255,12 @@ class Quadrature(NamedTuple):
 
 
 def quadrature(
-    of: Products, start: Float[np.ndarray, " s"], weight: float, known: float
+    of: Products, start: Float[np.ndarray, " s"], weight: float, known: float, most: int
 ) -> Quadrature:
     """The quadrature for a vector, in as many steps as its degrees of freedom need at this weight
-    beside those that are `known`."""
+    beside those that are `known`, or `most`."""
     part = Bidiagonalisation(of, start)
-    while not part.is_exhausted and len(part.below) < MOST_STEPS:
+    while not part.is_exhausted and len(part.below) < most:
         part.extend(len(part.below) + CHECKED)
         radau, gauss = (_freedom(part.tridiagonal(whole), weight) for whole in (True, False))
         square = part.norm**2

@@ -3,7 +3,8 @@
 - *direct*: exact; the modes of the whitened operator under the prior (`modes.py`); up to a few
   thousand unknowns. Where jax traces the problem, Cholesky factors take their place.
 - *spectral*: exact; the modes of a circulant operator are waves.
-- *iterative*: conjugate gradients, which take products of the operator alone; any size.
+- *iterative*: conjugate gradients, which take products of the operator alone; any size. A rule goes
+  by a bidiagonalisation (`krylov.py`).
 """
 
 from collections.abc import Mapping, Sequence
