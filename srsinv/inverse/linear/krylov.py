@@ -161,7 +161,7 @@ class _Trial:
 
     @property
     def is_cut(self) -> bool:
-        return self.low > self._logs[-1]
+        return bool(self.low > self._logs[-1])
 
     def draw(self, count: int, steps: int) -> None:
         """Further probes, so many in all, each in so many steps at most."""

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ...errors import refuse
 from ...known import Numbers, in_jax, namespace
@@ -87,8 +87,8 @@ class AxisModes(RootInverse):
 
     null: Float[Numbers, "k d"]
     size: int = eqx.field(static=True)
-    axes: tuple[Float[Numbers, "n n"], ...]
-    held: Float[Numbers, " r"]
+    axes: tuple[Float[Numbers, "..."], ...]
+    held: Int[Numbers, " r"]
     values: Float[Numbers, " r"]
     shape: tuple[int, ...] = eqx.field(static=True)
 
