@@ -239,15 +239,15 @@ class SingularSpace:
         self.first.extend(steps)
         left, right = self._bases
         whole = min(left.rows.shape[1], right.rows.shape[1])
-        self.is_exact = self.first.is_exhausted and right.count == whole
+        self.is_exact = right.count == whole
         while self.first.is_exhausted and not self.is_exact and right.count < most:
             largest = self._parts[-1].largest
             part = Bidiagonalisation(self._of, self._signs(), self._bases, largest)
             part.extend(most - right.count)
-            self.is_exact = part.diagonal[0] == 0
-            if not part.is_exhausted:
+            self.is_exact = part.diagonal[0] == 0 or right.count == whole
+            if not part.is_exhausted and not self.is_exact:
                 return
-            if not self.is_exact:
+            if part.below:
                 self._parts.append(part)
 
     def triplets(self) -> Triplets:
