@@ -239,12 +239,12 @@ class SingularSpace:
         self.first.extend(steps)
         left, right = self._bases
         whole = min(left.rows.shape[1], right.rows.shape[1])
-        self.is_exact = right.count == whole
+        self.is_exact = right.count >= whole
         while self.first.is_exhausted and not self.is_exact and right.count < most:
             largest, room = self._parts[-1].largest, most - right.count
             part = Bidiagonalisation(self._of, self._signs(), self._bases, largest)
             part.extend(room)
-            self.is_exact = part.diagonal[0] == 0 or right.count == whole
+            self.is_exact = part.diagonal[0] == 0 or right.count >= whole
             if not part.is_exhausted and not self.is_exact:
                 return
             if part.below:
