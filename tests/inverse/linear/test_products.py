@@ -221,13 +221,13 @@ def test_what_no_rule_can_weigh_is_refused():
 @pytest.mark.full
 def test_large_problem_needs_no_weight():
     """Beyond the limit of the direct path, `invert` chooses path and weight by itself."""
-    n = 2500
+    n = 2100
     kernel = np.exp(-0.5 * (np.arange(-20, 21) / 6.0) ** 2)
     places: Any = np.arange(-20, 21)
     blur = scipy.sparse.diags_array(kernel / kernel.sum(), offsets=places, shape=(n, n))
     truth = np.sin(np.arange(n) / 100)
-    data = blur @ truth + 0.1 * np.random.default_rng(0).standard_normal(n)
-    found = srsinv.invert(LinearProblem(blur.tocsr(), data, 0.1))
+    data = blur @ truth + 0.5 * np.random.default_rng(0).standard_normal(n)
+    found = srsinv.invert(LinearProblem(blur.tocsr(), data, 0.5))
     assert found.stats["path"] == "iterative"
     z = (found.value - truth) / found.stderr
     assert 0.5 < np.sqrt(np.mean(z**2)) < 1.5
