@@ -184,6 +184,18 @@ def drawn_bands(draws: int) -> Sequence[str]:
     )
 
 
+def probed_weight(probes: int, error: float) -> Sequence[str]:
+    """Warning on a weight by traces that so many random probes estimate, with the standard
+    deviation `error` of its logarithm."""
+    if error == 0:
+        return ()
+    return (
+        f"The rule's degrees of freedom are estimated by {probes} random probes, and the weight is "
+        f"right to {100 * error:.2g} % (one standard deviation). For an exact one, give "
+        "path=direct.",
+    )
+
+
 def shared_out(resolved_dof: float) -> Sequence[str]:
     """Warning on p and q that are observed through one linear combination alone: of the other one
     the signal resolves `resolved_dof` degrees of freedom."""

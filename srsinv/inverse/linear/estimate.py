@@ -24,7 +24,9 @@ class LinearEstimate(BandedAnswer):
       data's shape; `whitened` (sample): the residual in units of the noise.
     - `status`: how the computation ended; `warnings`: sentences on the validity of the bands.
     - `stats`: numbers of the solution, among them `weight` of the penalty, `rule`, `path`,
-      `condition`, `resolved_dof` and `chi2_per_freedom`.
+      `condition`, `resolved_dof` and `chi2_per_freedom`. Where a rule chose the weight on the
+      iterative path: `probes` that estimate its degrees of freedom, 0 where they are exact, and
+      `weight_error`, the standard deviation of the weight's logarithm by these.
     - `name`: of the problem.
     - `spread` (m, k): a root of `covariance`, of the flat unknown.
     - `gain` (m, s): the solution's response to whitened data, of the valid samples; `model` (s, m):

@@ -140,7 +140,7 @@ def modes(found: Decomposition, factors: PriorFactors, data: Float[Numbers, " s"
                 "or a prior of all unknowns."
             )
         basis = scipy.linalg.solve_triangular(found.triangle, basis)
-    return _of_left(
+    return modes_of_left(
         found.left, data, factors.apply_spread(basis), found.model, found.prior,
         float(found.unit), inverse_condition,
     )  # fmt: skip
@@ -152,7 +152,7 @@ def _inverse_condition(triangle: Any) -> float:
     return float(estimate(triangle)[0])
 
 
-def _of_left(left, data, basis, model, prior, unit, inverse_condition) -> Modes:
+def modes_of_left(left, data, basis, model, prior, unit, inverse_condition) -> Modes:
     along = left.T @ data
     outside = data - left @ along
     outside = outside - left @ (left.T @ outside)  # once more, as rounding leaves a part
@@ -231,7 +231,7 @@ def circulant_modes(
     )
     found = Decomposition(left, model, waves.T, np.sqrt(unit) * prior, None, np.asarray(unit))
     basis = spread[of_wave] * waves
-    return _of_left(left, data, basis, model, found.prior, unit, 1.0), found
+    return modes_of_left(left, data, basis, model, found.prior, unit, 1.0), found
 
 
 def _waves(m: int) -> tuple[np.ndarray, np.ndarray]:

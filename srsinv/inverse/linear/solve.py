@@ -3,7 +3,8 @@
 - *direct*: exact; the modes of the whitened operator under the prior (`modes.py`); up to a few
   thousand unknowns. Where jax traces the problem, Cholesky factors take their place.
 - *spectral*: exact; the modes of a circulant operator are waves.
-- *iterative*: conjugate gradients, which take products of the operator alone; any size.
+- *iterative*: conjugate gradients, which take products of the operator alone; any size. A rule goes
+  by a bidiagonalisation (`krylov.py`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,7 +17,7 @@ from jaxtyping import Float
 
 from ...errors import refuse
 from ...grid import as_real
-from ...known import Numbers, array_module, as_number, in_jax, is_traced
+from ...known import Numbers, array_module, as_number, in_jax, is_traced, outside_traces
 from ...status import Status
 from .. import diagnostics
 from ..estimate import Stats
@@ -26,6 +27,7 @@ from ..line.rule import Rule, choose
 from ..line.scorer import Scores
 from . import iterative
 from .estimate import LinearEstimate, standard_error
+from .krylov import KrylovChoice, choose_weight
 from .modes import (
     Decomposition,
     FactorScores,
@@ -42,6 +44,7 @@ from .modes import (
 from .operator import MatrixMap, matrix_of
 from .prior import Differences, PriorFactors, prior_factors
 from .problem import LinearProblem
+from .standard import standard_form
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 2048  # unknowns: more are refused, and not chosen
 CHOLESKY_DECADES = 11.6  # of a weight below the most information: normal equations lose the others
@@ -86,7 +89,7 @@ def solve(problem: LinearProblem, how: Regularisation) -> LinearEstimate:
     """The posterior of the unknown under its prior, or under a penalty on its differences.
 
     Raises `BadInput` for a path that does not serve the problem, and on the iterative path for a
-    weight that is not given.
+    weight that a rule is to choose where jax traces the problem.
     """
     _, m = problem.operator.sizes
     is_auto = how.path == "auto"
@@ -218,23 +221,43 @@ def _traced(
 
 
 def _by_iterations(problem: LinearProblem, how: Regularisation) -> LinearEstimate:
-    refuse(
-        how.weight is None,
-        "A rule needs the modes of the operator, which path=iterative does not compute. Give the "
-        "weight as weight_p=..., or path=direct.",
-    )
     own = problem.operator
     wraps = isinstance(own, MatrixMap) and not is_traced(own.values) and is_circulant(own.values)
     factors = factors_of(problem, how.order, wraps)
-    found = iterative.solve(problem, factors, how.weight, how.tolerance)
-    solved = LinearSolution(found.value, found.spread, None, np.nan, found.resolved)
-    is_stopped = not is_traced(found) and not found.is_converged
-    ended = Status.STEP_LIMIT if is_stopped else Status.CONVERGED
-    chosen = {"weight": how.weight, "rule_status": Status.GIVEN, "path": "iterative"}
-    chosen |= {"tolerance": how.tolerance}
-    return _estimate(
-        problem, how, (solved, None), chosen, ended, (*diagnostics.drawn_bands(iterative.DRAWS),)
-    )
+    warnings = diagnostics.drawn_bands(iterative.DRAWS)
+    chosen: dict[str, Any] = {"path": "iterative", "tolerance": how.tolerance}
+    condition = np.nan
+    if how.weight is not None:
+        chosen |= {"weight": how.weight, "rule_status": Status.GIVEN}
+        found = iterative.solve(problem, factors, how.weight, how.tolerance)
+    else:
+        refuse(
+            is_traced(problem),
+            "A rule cannot choose the weight under jit, vmap or grad on path=iterative: give "
+            "weight_p=..., or path=direct.",
+        )
+        with outside_traces():
+            found, made = _chosen(problem, factors, how)
+        condition = made.condition
+        chosen |= {"weight": made.weight, "rule_status": made.status, "probes": made.probes}
+        chosen |= {"weight_error": made.weight_error}
+        warnings = (*warnings, *diagnostics.probed_weight(made.probes, made.weight_error))
+    solved = LinearSolution(found.value, found.spread, None, condition, found.resolved)
+    ended = Status.CONVERGED if is_traced(found) or found.is_converged else Status.STEP_LIMIT
+    ended = Status.ILL_CONDITIONED if condition >= TRUSTED["float64"] else ended
+    return _estimate(problem, how, (solved, None), chosen, ended, warnings)
+
+
+def _chosen(
+    problem: LinearProblem, factors: PriorFactors, how: Regularisation
+) -> tuple[iterative.Iterated, KrylovChoice]:
+    """The solution under the rule's weight, and the choice of that."""
+    form = standard_form(problem, factors)
+    made = choose_weight(form, how.rule)
+    if made.triplets is not None:
+        return iterative.by_triplets(form, made.triplets, made.weight, made.mean), made
+    start = form.coordinates(made.mean)
+    return iterative.solve(problem, factors, made.weight, how.tolerance, start), made
 
 
 def _estimate(
@@ -243,7 +266,7 @@ def _estimate(
     made: tuple[LinearSolution, WhitenedProblem | None],
     chosen: dict[str, Any],
     status: Status,
-    warnings: tuple[str, ...] = (),
+    warnings: Sequence[str] = (),
 ) -> LinearEstimate:
     """The estimate of a solution; `chosen`: its weight and path."""
     solved, white = made

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import lineax
 import numpy as np
@@ -90,7 +91,10 @@ REFUSED = {
     ),
     "wiener": (lambda: Wiener()(problem()), "prior", "GaussianPrior", "Tikhonov"),
     "weight_q": (lambda: Tikhonov(weight_p=1.0, weight_q=1.0)(problem()), "weight_q"),
-    "rule_iterates": (lambda: Tikhonov(path="iterative")(problem()), "weight_p", "path=direct"),
+    "rule_traced": (
+        lambda: jax.jit(lambda data: Tikhonov(path="iterative")(problem(data=data)).value)(DATA),
+        "jit", "weight_p", "path=direct",
+    ),
     "resolution": (
         lambda: Tikhonov(weight_p=1.0, path="iterative")(problem()).resolution, "path=direct",
     ),
