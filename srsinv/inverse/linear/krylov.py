@@ -22,7 +22,7 @@ from ...known import Numbers
 from ...status import Status
 from ..line.prior import Score
 from ..line.rule import Rule, choose
-from ..line.scorer import Scores
+from ..line.scorer import WeightScores
 from .bidiagonal import (
     Bidiagonalisation,
     Products,
@@ -76,7 +76,7 @@ class Traces(eqx.Module):
         return jnp.log1p(self.values**2 / weight).sum() + self.share @ own
 
 
-class KrylovScores(Scores):
+class KrylovScores(WeightScores):
     """Scores by approximate singular vectors of the space that the data span, and by traces."""
 
     scanned: ClassVar[int | None] = SCANNED
