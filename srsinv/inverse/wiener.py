@@ -140,8 +140,8 @@ class ScaledSpectra(Family):
     power: Float[Any, "c k"]
 
     def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
-        xp = namespace(log_weights, self.power)
-        return SpectralPrior(10.0 ** xp.asarray(log_weights)[:, None] * self.power)
+        xp = array_module(log_weights, self.power)
+        return SpectralPrior(10.0 ** xp.asarray(log_weights)[:, None] * xp.asarray(self.power))
 
 
 class StretchedSpectra(Family):
@@ -160,8 +160,8 @@ class StretchedSpectra(Family):
     def __call__(self, log_weights: Float[Numbers, " c"]) -> SpectralPrior:
         xp = array_module(log_weights, self.spectra, self.problem)
         *factors, stretch = 10.0 ** xp.asarray(log_weights)
-        power = [each.stretched(stretch).power(self.problem) for each in self.spectra]
-        return SpectralPrior(stretch * xp.stack(factors)[:, None] * xp.stack(power))
+        power = _powers(self.problem, tuple(each.stretched(stretch) for each in self.spectra))
+        return SpectralPrior(stretch * xp.stack(factors)[:, None] * xp.asarray(power))
 
     def box(self) -> Float[Array, "2 1"]:
         """The range of the last logarithm: lengths that a line can show.
