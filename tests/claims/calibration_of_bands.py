@@ -7,7 +7,8 @@ from tests.jobs.run import outcome
 
 QUICK, SLOW, OF_A_RULE = 1000, 100, 400
 INVERSIONS = (
-    "Wiener", "Tikhonov", "Wiener evidence", "Wiener iterative", "Tikhonov gcv", "Tikhonov upre",
+    "Wiener", "Tikhonov", "Wiener evidence", "Wiener correlation", "Wiener iterative",
+    "Tikhonov gcv", "Tikhonov upre",
 )  # fmt: skip
 QUICK_METHODS = (
     *INVERSIONS,
@@ -26,6 +27,7 @@ QUICK_METHODS = (
 SLOW_METHODS = (
     "Tikhonov, open with gaps",
     "Wiener evidence, open with gaps",
+    "Wiener correlation, open with gaps",
     "Tikhonov gcv, open with gaps",
     "Tikhonov upre, open with gaps",
     "Wiener, admissible",
