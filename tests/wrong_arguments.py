@@ -117,7 +117,9 @@ WRONG = {
         {"it": StripFeature()}, Elsewhere()
     )(samples()),
     "solver is 5: give a solver": lambda: srsinv.FeatureFit({"it": StripFeature()}, 5),
-    "about is 5: give a known sensor": lambda: srsinv.FeatureFit({"it": StripFeature()}, about=5),
+    "nominal_sensor is 5: give a known sensor": lambda: srsinv.FeatureFit(
+        {"it": StripFeature()}, nominal_sensor=5
+    ),
     "what NoProfile.profile gives is .*: give a pressure": lambda: srsinv.FeatureFit(
         {"it": NoProfile()}
     )(samples()),

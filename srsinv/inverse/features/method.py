@@ -68,8 +68,8 @@ class FeatureFit(Method):
     - `also`: of a surface, further parameters to fit: `edge_length_m`, `depth_m`, `gain`,
       `nominal_pressure_Pa`.
     - `start`: of a surface, values to start from, by the parameters' names as in the result.
-    - `about`: a known sensor near the problem's. Its depth gives cells, search ranges and starts;
-      None: the problem's own does.
+    - `nominal_sensor`: a known sensor near the problem's. Its depth gives cells, search ranges and
+      starts; None: the problem's own does.
 
     A long recording is fitted in the stretch where its signal is above the noise (see
     [`stretch_of`][]).
@@ -80,7 +80,8 @@ class FeatureFit(Method):
     on the sensor and its motion alone are done once.
 
     Under `jax.jit`, `vmap`, `grad` and `jvp`, jax may trace the data, the noise and the sensor of a
-    `LineProblem`, the latter with `about`. The estimate is then a [`TracedFeatureEstimate`][].
+    `LineProblem`, the latter with `nominal_sensor`. The estimate is then a
+    [`TracedFeatureEstimate`][].
 
     Raises `BadInput` for features of both kinds or none, and in a call for a surface whose nominal
     pressure is not known.
@@ -90,7 +91,7 @@ class FeatureFit(Method):
     solver: Solver | None
     also: tuple[str, ...] = eqx.field(static=True)
     start: Mapping[str, float] = eqx.field(static=True)
-    about: Sensor | None
+    nominal_sensor: Sensor | None
     _latest: LatestCache = eqx.field(static=True, repr=False)
 
     def __init__(
@@ -99,7 +100,7 @@ class FeatureFit(Method):
         solver: Solver | None = None,
         also: tuple[str, ...] = (),
         start: Mapping[str, float] | None = None,
-        about: Sensor | None = None,
+        nominal_sensor: Sensor | None = None,
     ):
         wanted = "a mapping of features by name, as {'strip': StripFeature()}"
         for name, feature in mapping("features", features, wanted).items():
@@ -116,9 +117,13 @@ class FeatureFit(Method):
         wanted = "a solver, such as Optimistix()"
         self.features = dict(features)
         self.solver = None if solver is None else of_kind("solver", solver, Solver, wanted)
-        refuse(is_traced(about), UNTRACED_CELLS)
+        refuse(is_traced(nominal_sensor), UNTRACED_CELLS)
         wanted = "a known sensor near the problem's, as Sensor()"
-        self.about = None if about is None else of_kind("about", about, Sensor, wanted)
+        self.nominal_sensor = (
+            None
+            if nominal_sensor is None
+            else of_kind("nominal_sensor", nominal_sensor, Sensor, wanted)
+        )
         self.also, self.start, self._latest = tuple(also), dict(start or {}), LatestCache()
 
     @property
@@ -207,19 +212,19 @@ class FeatureFit(Method):
 
     def _fitter(self, problem: Problem | LineProblem, samples: Samples) -> FeatureFitter:
         """The fitter along the samples' motion."""
-        about = samples.sensor if self.about is None else self.about
-        refuse(is_traced(about), UNTRACED_CELLS)
-        counts = len(about.elements), len(samples.sensor.elements)
+        nominal = samples.sensor if self.nominal_sensor is None else self.nominal_sensor
+        refuse(is_traced(nominal), UNTRACED_CELLS)
+        counts = len(nominal.elements), len(samples.sensor.elements)
         refuse(
             counts[0] != counts[1],
-            f"The sensor that the fit is about has {counts[0]} films, and the problem's has "
+            f"The nominal sensor has {counts[0]} films, and the problem's has "
             f"{counts[1]}: give one with as many.",
         )
         with outside_traces():
-            fitter = self._fitter_about(about, samples.motion, problem)
-        return fitter if self.about is None else fitter.under(samples.sensor)
+            fitter = self._fitter_of(nominal, samples.motion, problem)
+        return fitter if self.nominal_sensor is None else fitter.under(samples.sensor)
 
-    def _fitter_about(
+    def _fitter_of(
         self, sensor: Sensor, motion: Motion, problem: Problem | LineProblem
     ) -> FeatureFitter:
         """That of a known sensor."""

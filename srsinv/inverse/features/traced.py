@@ -6,7 +6,7 @@ known fit takes the first that explains the data.) What checks a known fit is le
 and the error of its cells, which widen the standard errors, a drift, and other minima.
 
 Cells, ranges and shapes to start from are those of a known sensor: of a traced one they are of the
-one that the fit is `about`.
+nominal one.
 
 Of a surface the pressure's derivative jumps where an edge moves over a cell. So the derivatives of
 the estimate, too, are by differences over whole cells. They are those that the standard errors are
@@ -90,7 +90,7 @@ UNTRACED = (
 )
 UNTRACED_CELLS = (
     "JAX traces the sensor, so that its depth gives no cells and no starts: give a known sensor "
-    "near it, as FeatureFit(features, about=Sensor())."
+    "near it, as FeatureFit(features, nominal_sensor=Sensor())."
 )
 
 

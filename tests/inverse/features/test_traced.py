@@ -122,7 +122,9 @@ def test_a_strip_by_the_depth_the_angle_and_the_gain():
     misfit of a wrong sensor, too."""
     problem = problem_of("strip")
     signal = problem.data + problem.mean_signal
-    method = FeatureFit({"strip": StripFeature()}, Optimistix(tolerance=1e-13), about=SENSOR)
+    method = FeatureFit(
+        {"strip": StripFeature()}, Optimistix(tolerance=1e-13), nominal_sensor=SENSOR
+    )
 
     def of(theta):
         films = [Film(theta[0]), Film(theta[0], theta[1], length_m=theta[2])]
@@ -196,7 +198,7 @@ def test_a_ridge_in_noise_has_the_numbers_of_a_known_fit_and_their_slope_by_the_
     signal, _ = ridge_signal(SENSOR, EDGE_M / 13)
     sigma = 0.01 * np.sqrt(np.mean(signal**2))
     signal = signal + sigma * np.random.default_rng(0).normal(size=signal.shape)
-    method = FeatureFit({"ridge": RidgeFeature(EDGE_M)}, about=SENSOR)
+    method = FeatureFit({"ridge": RidgeFeature(EDGE_M)}, nominal_sensor=SENSOR)
 
     def of(depth_m):
         sensor = srsinv.Sensor([Film(depth_m), Film(depth_m, np.pi / 2)])
@@ -243,9 +245,9 @@ def test_a_recording_is_fitted_on_its_grid():
     assert_same(jax.jit(lambda y: method(with_data(grid, y)))(grid.data), method(grid))
 
 
-def of_depth(depth_m, about=None):
+def of_depth(depth_m, nominal_sensor=None):
     """A fit of nothing by a sensor of this depth."""
-    method = FeatureFit({"strip": StripFeature()}, about=about)
+    method = FeatureFit({"strip": StripFeature()}, nominal_sensor=nominal_sensor)
     sensor = srsinv.Sensor([Film(depth_m), Film(depth_m, np.pi / 2)])
     nothing, power = np.zeros((2, LINE.n)), np.ones(LINE.k.shape)
     return method(LineProblem.of_sensor(LINE, sensor, SPEED, nothing, power)).value
@@ -259,7 +261,9 @@ def test_what_cannot_be_traced_says_so():
     of_data = jax.jit(lambda y: method(with_data(recorded, y)))
     refused(lambda: of_data(recorded.data), "problem.to_grid()")
     refused(lambda: eqx.filter_jit(method)(line), "LineProblem")
-    refused(lambda: jax.jit(of_depth)(1e-3), "about=")
-    refused(lambda: jax.jit(lambda d: of_depth(d, srsinv.Sensor([Film(d)])))(1e-3), "about=")
+    refused(lambda: jax.jit(of_depth)(1e-3), "nominal_sensor=")
+    refused(
+        lambda: jax.jit(lambda d: of_depth(d, srsinv.Sensor([Film(d)])))(1e-3), "nominal_sensor="
+    )
     one = srsinv.Sensor([Film(1e-3)])
     refused(lambda: jax.jit(lambda d: of_depth(d, one))(1e-3), "1 films", "2")
