@@ -4,8 +4,8 @@ Tikhonov's method of first order, and on a smooth bump of second order, too, p a
 simulated scenes in white noise at three signal-to-noise ratios (minutes). For every draw of the
 noise the oracle takes the two weights of least error, which needs the truth.
 
-The discrepancy principle is no rule of the package: it is here to show why. With H the influence
-matrix, I - H = (I + G S G^T)^-1 in units of the noise, so that data drawn from the model leave
+The discrepancy principle smooths more than the other rules, and this study shows why. With H the
+influence matrix, I - H = (I + G S G^T)^-1 in units of the noise, so that data drawn from the model leave
 
     E |(I - H) y|^2 = tr((I - H) (I + G S G^T) (I - H)) = tr(I - H),
 
