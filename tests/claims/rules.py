@@ -5,7 +5,8 @@ simulated scenes in white noise at three signal-to-noise ratios (minutes). For e
 noise the oracle takes the two weights of least error, which needs the truth.
 
 The discrepancy principle smooths more than the other rules, and this study shows why. With H the
-influence matrix, I - H = (I + G S G^T)^-1 in units of the noise, so that data drawn from the model leave
+influence matrix, I - H = (I + G S G^T)^-1 in units of the noise, so that data drawn from the model
+leave
 
     E |(I - H) y|^2 = tr((I - H) (I + G S G^T) (I - H)) = tr(I - H),
 
