@@ -439,8 +439,8 @@ def too_long_correlation() -> Sequence[str]:
     """Warning on a correlation length that is longer than the data's."""
     return (
         "The data favour a shorter correlation length than the stated one, so the bands are too "
-        "narrow where the traction changes over less. Set correlation=evidence, or state a shorter "
-        "correlation_m.",
+        "narrow where the traction changes over less. Set method.wiener.correlation=evidence, or "
+        "state a shorter correlation_m.",
     )
 
 

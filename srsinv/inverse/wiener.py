@@ -55,8 +55,8 @@ class TractionSpectrum(eqx.Module):
         """
         del factor
         raise BadInput(
-            f"{type(self).__name__} has no correlation length: give correlation=given, or an "
-            "Exponential spectrum."
+            f"{type(self).__name__} has no correlation length: give "
+            "method.wiener.correlation=given, or an Exponential spectrum."
         )
 
 
@@ -228,7 +228,7 @@ class Wiener(Method):
         self.correlation = choice("method.wiener.correlation", correlation, LEVELS)
         refuse(
             self.correlation == "evidence" and self.scale == "given",
-            "correlation=evidence needs scale=evidence: give both.",
+            "method.wiener.correlation=evidence needs method.wiener.scale=evidence: give both.",
         )
         self.path = choice("method.wiener.path", path, PATHS)
         key, wanted = "method.wiener.tolerance", "a positive number below 1"
