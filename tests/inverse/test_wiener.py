@@ -32,7 +32,7 @@ from tests.inverse.cases import (
     stderr_of,
 )
 from tests.refusals import refused
-from tests.tiers import quick
+from tests.tiers import hardest, quick
 
 P, Q = Exponential(1500.0, 0.8e-3), Exponential(500.0, 1.5e-3)
 NOISES = {
@@ -230,8 +230,7 @@ def test_evidence_finds_the_priors_correlation_length(length, wrong):
     assert np.median(factors) == pytest.approx(1 / wrong, rel=0.3)
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("kind", ["whole", "with gaps"])
+@pytest.mark.parametrize("kind", hardest(["whole", "with gaps"], [], ["whole"]))
 def test_a_correlation_length_is_the_same_on_all_paths(kind):
     problem, *_, data = draw_problem(1, "periodic", 256)
     observed = None if kind == "whole" else gaps(256)

@@ -167,7 +167,7 @@ def ridge_signal(sensor, cell_m, **changed):
     return np.asarray(model(jax.tree.map(jnp.asarray, params))), float(model.line.cell_m)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_ridge_moves_as_its_signal_does_over_whole_cells():
     """Data of the fit's own model: their change as the ridge moves by a cell of the contact is a
     change of its position alone."""
