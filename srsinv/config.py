@@ -35,7 +35,7 @@ if TYPE_CHECKING:  # most import jax
     from .inverse.nonlinear import Solver
     from .inverse.problem import Problem
     from .recording import Reader, Recording
-    from .recording.known_passes import KnownPasses
+    from .recording.known_passes import CalibrationPasses
     from .report.section import Section
 
 Config = Mapping[str, Any]
@@ -289,11 +289,11 @@ def recording(cfg: Config, default: str | None = None) -> Recording:
     return recording
 
 
-def known_passes(cfg: Config) -> KnownPasses | None:
+def known_passes(cfg: Config) -> CalibrationPasses | None:
     """The passes over known surfaces on which bands are calibrated; None where there are none."""
-    from .recording.known_passes import KnownPasses
+    from .recording.known_passes import CalibrationPasses
 
-    return KnownPasses.of(part(cfg, "bands"))
+    return CalibrationPasses.of(part(cfg, "bands"))
 
 
 def of_file(cfg: Config, path: Path) -> Config:

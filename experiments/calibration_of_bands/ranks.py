@@ -45,6 +45,14 @@ def by_quantity(each: Sequence[Mapping[str, float]]) -> dict[str, Ranks]:
     return {name: np.array([ranks[name] for ranks in each]) for name in each[0]}
 
 
+def noisy(
+    clean: Float[np.ndarray, "..."], relative: float, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "..."], float]:
+    """A signal with white noise of a fraction of its rms, and the noise's standard deviation."""
+    level = relative * float(np.sqrt(np.mean(clean**2)))
+    return clean + level * rng.standard_normal(clean.shape), level
+
+
 def normal_rank(truth: Any, value: Any, stderr: Any) -> Any:
     """The rank of a truth in a normal posterior."""
     return scipy.special.ndtr((np.asarray(truth) - value) / stderr)

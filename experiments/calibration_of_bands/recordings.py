@@ -39,7 +39,7 @@ from .inversions import (
     operator_along,
     ranks_in_a_cell,
 )
-from .ranks import RankedMethod, Ranks, drawn, normal_rank
+from .ranks import RankedMethod, Ranks, drawn, noisy, normal_rank
 
 STAGE_M = 2e-5  # rms by which the stage is off in each pass
 
@@ -150,8 +150,7 @@ class RankedUncertainFit(RankedMethod):
             own = {name: each for name, each in truth.items() if name != "friction"}
             own["shear_Pa"] = truth["friction"] * truth["pressure_Pa"]
             clean = np.asarray(model.with_features(fit.features)({"strip": real(own)}))
-            level = RELATIVE_NOISE * float(np.sqrt(np.mean(clean**2)))
-            y = clean + level * rng.standard_normal(clean.shape)
+            y, level = noisy(clean, RELATIVE_NOISE, rng)
             return parameter_ranks(truth, fit(on.problem(y, level, rig.rig)).parameters)
 
         return drawn(one, draws)
@@ -192,8 +191,7 @@ class KnownScan(NamedTuple):
     ) -> LineProblem:
         """The problem of a traction that the sensor `true` scans, as one of the sensor `known`."""
         clean = np.asarray(true.operator(self.line, self.scan)(as_real(traction)))
-        level = RELATIVE_NOISE * float(np.sqrt(np.mean(clean**2)))
-        data = clean + level * rng.standard_normal(clean.shape)
+        data, level = noisy(clean, RELATIVE_NOISE, rng)
         of = self.line, known, self.scan, data, np.full(self.line.n // 2 + 1, level**2)
         mean = float(traction[0].mean()), None
         return LineProblem.of_sensor(*of, known_mean_Pa=mean, rig=rig)
@@ -222,7 +220,7 @@ class RankedKernel(RankedMethod):
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         on = KnownScan.of(self.sensor, self.scan)
-        sensors, method = DrawnSensor.about(on), srsinv.Wiener(self.spectrum, self.spectrum)
+        sensors, method = DrawnSensor.of(on), srsinv.Wiener(self.spectrum, self.spectrum)
         traction = DrawnTraction.by(self.spectrum, on.line)
 
         def one() -> dict[str, float]:
@@ -247,7 +245,7 @@ class RankedTheory(RankedMethod):
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         on = KnownScan.of(self.sensor, self.scan)
-        sensors = DrawnSensor.about(on)
+        sensors = DrawnSensor.of(on)
 
         def one() -> dict[str, float]:
             true, values, _ = sensors(rng)
@@ -269,7 +267,7 @@ class DrawnSensor:
     process: Float[np.ndarray, "e 2 b m"]
 
     @classmethod
-    def about(cls, on: KnownScan) -> "DrawnSensor":
+    def of(cls, on: KnownScan) -> "DrawnSensor":
         """About the sensor that is stated, at the lags that are measured."""
         stated, depth, cell = on.stated, float(on.stated.depth_m), float(on.line.cell_m)
         lags = Lags(depth, min(on.line.n * cell / 2, REACH * depth))

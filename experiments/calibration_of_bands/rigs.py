@@ -23,7 +23,7 @@ from ..circular_scan.circular import Circle, Circling, ObliqueRidge
 from ..circular_scan.direction import DirectionFinder
 from .fits import Ranges, parameter_ranks, real
 from .inversions import DrawnTraction
-from .ranks import RankedMethod, Ranks, drawn
+from .ranks import RankedMethod, Ranks, drawn, noisy
 
 RIG_SAMPLES, RIG_LENGTH_M, RIG_RATE_HZ = 800, 0.016, 2e3
 RIG_RANGES = Ranges({"depth_m": (0.95, 1.05), "gain_1": (0.9, 1.1), "gain_2": (0.9, 1.1),
@@ -140,8 +140,7 @@ class RankedDirection(RankedMethod):
             truth = RIDGE_RANGES.draw(rng)
             of = {name: value for name, value in truth.items() if name != "angle_deg"}
             clean = np.asarray(circling(ObliqueRidge(np.deg2rad(truth["angle_deg"]), **of)))
-            level = CIRCLE_NOISE * float(np.sqrt(np.mean(clean**2)))
-            found = finder(clean + level * rng.standard_normal(clean.shape), level)
+            found = finder(*noisy(clean, CIRCLE_NOISE, rng))
             return parameter_ranks({name: truth[name] for name in OF_DIRECTION}, found.parameters)
 
         return drawn(one, draws)

@@ -246,7 +246,8 @@ class Wiener(Method):
         problem = problem.to_grid()
         if self.scale == "given":
             return self._solved(problem, self.spectra(problem))
-        chosen, family = self._likely(problem), self._family(problem)
+        family = self._family(problem)
+        chosen = self._likely(problem, family)
         power, stats = family(chosen.log_weights).power, {"scale_rule": chosen.status}
         warnings = undetermined_weights(chosen.status)
         if family.has_shape:
@@ -278,9 +279,9 @@ class Wiener(Method):
             return ScaledSpectra(self.spectra(problem))
         return StretchedSpectra((self.p, self.q)[: problem.unknowns], problem.without_warnings())
 
-    def _likely(self, problem: LineProblem) -> Choice:
+    def _likely(self, problem: LineProblem, family: ScaledSpectra | StretchedSpectra) -> Choice:
         """The log10 numbers of greatest evidence, within six decades about the data's level."""
-        family, power = self._family(problem), self.spectra(problem)
+        power = family(np.zeros(problem.unknowns + family.has_shape)).power
         middle = _log_scale(problem.without_warnings(), power, problem.sample_count)
         # The ends of the levels are arbitrary, those of the lengths are the line's.
         box = jax.lax.stop_gradient(jnp.stack([middle - 6, middle + 6]))
@@ -336,7 +337,8 @@ class Wiener(Method):
         refuse_constraint(self.constraint)
         if not self.chooses_prior:
             return lambda each: SpectralPrior(self.spectra(each))
-        log_weights = np.asarray(self._likely(problem.to_grid()).log_weights)
+        problem = problem.to_grid()
+        log_weights = np.asarray(self._likely(problem, self._family(problem)).log_weights)
         return lambda each: self._family(each)(log_weights)
 
 

@@ -15,7 +15,7 @@ from ..inverse.line.problem import LineProblem
 from ..inverse.method import Method
 from ..inverse.problem import Problem
 from ..progress import steps
-from ..recording.known_passes import KnownPass, KnownPasses
+from ..recording.known_passes import CalibrationPasses, KnownPass
 from ..report.data import dataset, scalars
 from ._recorded import check_invertible, on_cells
 
@@ -106,7 +106,7 @@ def _check_alike(one: Problem, own: Problem) -> None:
     )
 
 
-def _dataset(known: KnownPasses, methods: Mapping[str, Method]) -> xarray.Dataset:
+def _dataset(known: CalibrationPasses, methods: Mapping[str, Method]) -> xarray.Dataset:
     """The factors of each method, and the passes."""
     made = {name: each for name, each in methods.items() if isinstance(each, Conformal)}
     factors = [[float(each.factor_p), float(each.factor_q)] for each in made.values()]

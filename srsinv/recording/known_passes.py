@@ -57,7 +57,7 @@ class KnownPass(NamedTuple):
         return np.diff(integral[:, np.searchsorted(at, edges_m)], axis=1) / np.diff(edges_m)
 
 
-class KnownPasses(NamedTuple):
+class CalibrationPasses(NamedTuple):
     """Passes to calibrate bands on, with the `confidence` and the `share` of cells asked for."""
 
     passes: tuple[KnownPass, ...]
@@ -65,7 +65,7 @@ class KnownPasses(NamedTuple):
     share: float
 
     @classmethod
-    def of(cls, settings: Mapping[str, Any]) -> "KnownPasses | None":
+    def of(cls, settings: Mapping[str, Any]) -> "CalibrationPasses | None":
         """Those of `bands` in the configuration; None where it has none.
 
         Raises `BadInput` for numbers out of their range, a folder that cannot be read, a recording

@@ -6,14 +6,10 @@ from pathlib import Path
 import numpy as np
 import yaml
 
+from tests.jobs.sidecars import SENSOR
+
 NAMES = {"t": "time_s", "x": "position_m", "u": "speed_m_per_s", "a": "voltage_0_V",
          "b": "voltage_1_V"}  # fmt: skip
-ELEMENT = {"strip_width_m": 7e-4, "active_length_m": 8e-3}
-SENSOR = {
-    "depth_m": 7.5e-4,
-    "feedback_resistance_ohm": 1e6,
-    "elements": [{"orientation": o, **ELEMENT} for o in ("1_to_x_3_to_z", "1_to_z_3_to_x")],
-}
 Columns = Mapping[str, np.ndarray]
 N = 400
 I = np.arange(N)  # noqa: E741

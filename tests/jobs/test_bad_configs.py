@@ -18,6 +18,7 @@ from omegaconf import OmegaConf
 from srsinv.__main__ import find_config_root
 from srsinv.recording import Recording, save
 from tests.jobs.run import result_of
+from tests.jobs.sidecars import SENSOR
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -173,16 +174,8 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("here")
     time_s = 1e-3 * np.arange(60)
     signal = np.stack([np.sin(3e2 * time_s), np.cos(5e2 * time_s)])
-    element = {"strip_width_m": 7e-4, "active_length_m": 8e-3}
-    sensor = {
-        "depth_m": 7.5e-4,
-        "feedback_resistance_ohm": 1e6,
-        "elements": [
-            {"orientation": name} | element for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
-        ],
-    }
     recording = Recording(
-        signal, time_s, 0.05 + 0 * time_s, ("voltage_0_V", "voltage_1_V"), {"sensor": sensor}
+        signal, time_s, 0.05 + 0 * time_s, ("voltage_0_V", "voltage_1_V"), {"sensor": SENSOR}
     )
     save(recording, folder / "tiny.csv")
     with pytest.MonkeyPatch.context() as patch:

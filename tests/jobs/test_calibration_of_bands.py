@@ -128,7 +128,7 @@ def test_drawn_rigs_differ_by_their_tolerances():
 def test_drawn_kernels_are_those_of_their_sensors():
     """What is ranked is what makes the signals: the kernel of the sensor, from a narrow load."""
     on = KnownScan.of(SENSOR, srsinv.ConstantSpeed(0.05))
-    drawn = DrawnSensor.about(on)
+    drawn = DrawnSensor.of(on)
     sensor, values, kernel = drawn(np.random.default_rng(1))
     own = kernels(sensor, sensor.elements, drawn.lags.x_m)
     np.testing.assert_allclose(own, kernel, atol=1e-3 * np.abs(kernel).max())

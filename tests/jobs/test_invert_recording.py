@@ -20,6 +20,7 @@ from srsinv.recorded import motion_of
 from srsinv.recording import Recording, save
 from tests.golden.check import golden_test
 from tests.jobs.run import command, outcome
+from tests.jobs.sidecars import OF_OTHER_FILM as SENSOR
 from tests.shared import SHARED, needs_shared
 from tests.tiers import quick
 
@@ -33,15 +34,6 @@ VARYING = SHARED / "recordings" / "ridge_varying_speed.csv"
 BOARD = SHARED / "recordings" / "fabricslide" / "Board10mm_F120_V-10mmps_0.csv"
 NOMINAL_PA = 20e3  # of the ridge's sidecar
 SPEED = 0.05
-SENSOR = {
-    "depth_m": 7.5e-4,
-    "feedback_resistance_ohm": 1e6,
-    "piezo_constants_C_per_N": {"d1": 23e-12, "d2": 3e-12, "d3": -33e-12},
-    "elements": [
-        {"orientation": name, "strip_width_m": 7e-4, "active_length_m": 8e-3}
-        for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
-    ],
-}
 
 
 # Wider than by default, as a direct solution costs the cube of their number.

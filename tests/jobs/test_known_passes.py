@@ -11,20 +11,12 @@ import srsinv
 from srsinv.forward.describe import elements
 from srsinv.grid import as_real
 from srsinv.recording import Recording, save
-from srsinv.recording.known_passes import KnownPass, KnownPasses
+from srsinv.recording.known_passes import CalibrationPasses, KnownPass
 from tests.jobs.run import command, outcome
+from tests.jobs.sidecars import OF_OTHER_FILM as SENSOR
 from tests.refusals import refused
 
 SPEED, RATE_HZ, NOISE, PASSES = 0.05, 1000.0, 0.01, 9
-SENSOR = {
-    "depth_m": 7.5e-4,
-    "feedback_resistance_ohm": 1e6,
-    "piezo_constants_C_per_N": {"d1": 23e-12, "d2": 3e-12, "d3": -33e-12},
-    "elements": [
-        {"orientation": name, "strip_width_m": 7e-4, "active_length_m": 8e-3}
-        for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
-    ],
-}
 LINE = srsinv.Open(400, 5e-5, -1e-2)
 TRUE = srsinv.Sensor([
     dataclasses.replace(film, depth_m=1.15 * film.depth_m).with_strip_average()
@@ -122,11 +114,11 @@ def rewritten(file, old, new):
 )
 def test_folders_that_do_not_serve(known, change, words):
     settings = {"passes": str(known), "confidence": 0.9, "share": 0.9}
-    made = KnownPasses.of(settings)
+    made = CalibrationPasses.of(settings)
     assert made is not None
     assert [each.path.name for each in made.passes] == [f"pass_{i}.csv" for i in range(PASSES)]
     change(known)
-    refused(lambda: KnownPasses.of(settings), *words)
+    refused(lambda: CalibrationPasses.of(settings), *words)
 
 
 @pytest.mark.parametrize(
@@ -139,12 +131,14 @@ def test_folders_that_do_not_serve(known, change, words):
     ],
 )
 def test_settings_that_do_not_serve(known, settings, words):
-    refused(lambda: KnownPasses.of({"passes": str(known), **settings}), *words)
+    refused(lambda: CalibrationPasses.of({"passes": str(known), **settings}), *words)
 
 
 def test_without_passes_there_is_no_confidence():
-    assert KnownPasses.of({"passes": None}) is None
-    refused(lambda: KnownPasses.of({"passes": None, "share": 0.5}), "bands.share", "conformal")
+    assert CalibrationPasses.of({"passes": None}) is None
+    refused(
+        lambda: CalibrationPasses.of({"passes": None, "share": 0.5}), "bands.share", "conformal"
+    )
 
 
 def other_sensor(known):

@@ -5,16 +5,9 @@ import pytest
 
 from srsinv.recording import Recording, save
 from tests.jobs.run import command
+from tests.jobs.sidecars import SENSOR
 from tests.tiers import quick
 
-SENSOR = {
-    "depth_m": 7.5e-4,
-    "feedback_resistance_ohm": 1e6,
-    "elements": [
-        {"orientation": name, "strip_width_m": 7e-4, "active_length_m": 8e-3}
-        for name in ("1_to_x_3_to_z", "1_to_z_3_to_x")
-    ],
-}
 SAMPLES = 60
 TINY = "grid.cells=16 grid.refinement=1"
 INVERT = "experiment=invert_recording recording.path"

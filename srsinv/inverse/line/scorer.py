@@ -60,7 +60,6 @@ class Scores(eqx.Module):
     together: ClassVar[int]
     scanned: ClassVar[int | None] = None
     is_double: ClassVar[bool]
-
     has_shape: ClassVar[bool] = False
 
     @property

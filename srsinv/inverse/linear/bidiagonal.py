@@ -22,7 +22,7 @@ LEAST_START = 1e-8  # of a random vector: less is left of it where the basis is 
 INVARIANT = 1e-4  # of a singular value: the residual of singular vectors that have converged
 
 
-class Products(NamedTuple):
+class OperatorProducts(NamedTuple):
     """The products H u and H^T y in numpy."""
 
     forward: Callable[[np.ndarray], np.ndarray]
@@ -51,14 +51,14 @@ def each_unknown(form: StandardForm, rows: Float[np.ndarray, "j r"]) -> Float[np
     return np.array([np.asarray(_unknown(form, in_jax(row)), float) for row in rows])
 
 
-def products(form: StandardForm) -> Products:
+def products(form: StandardForm) -> OperatorProducts:
     """The products of a problem in standard form."""
     if form.by_jax:
-        return Products(
+        return OperatorProducts(
             lambda u: np.asarray(_forward(form, in_jax(u)), float),
             lambda y: np.asarray(_adjoint(form, in_jax(y)), float),
         )
-    return Products(
+    return OperatorProducts(
         lambda u: np.asarray(form.forward(u), float), lambda y: np.asarray(form.adjoint(y), float)
     )
 
@@ -99,7 +99,7 @@ class Bidiagonalisation:
 
     def __init__(
         self,
-        of: Products,
+        of: OperatorProducts,
         start: Float[np.ndarray, " s"],
         bases: tuple[Basis, Basis] | None = None,
         largest: float = 0.0,
@@ -218,7 +218,7 @@ class SingularSpace:
     """The singular triplets of H that are found from the data, and from random vectors where those
     have found an invariant space. `is_exact`: whether these are all."""
 
-    def __init__(self, of: Products, data: Float[np.ndarray, " s"], size: int):
+    def __init__(self, of: OperatorProducts, data: Float[np.ndarray, " s"], size: int):
         self._of = of
         self._bases = Basis(data.size), Basis(size)
         self._rng = np.random.default_rng(0)

@@ -7,6 +7,7 @@ found all singular vectors, the solution is a sum over them, and draws have what
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +21,7 @@ from ...known import Numbers, in_jax
 from .bidiagonal import Triplets, each_unknown
 from .prior import PriorFactors
 from .problem import LinearProblem
-from .standard import StandardForm
+from .standard import StandardForm, centred_data, whitened_adjoint, whitened_forward
 
 DRAWN_TOLERANCE = 1e-6  # of a draw, whose scatter is far larger
 DRAWS = 64  # from the posterior: a standard deviation is right to 1/sqrt(128), 9 %
@@ -51,20 +52,13 @@ def solve(
     xp = jnp if problem.operator.by_jax else np
     root_weight = xp.sqrt(xp.asarray(weight))
 
-    def forward(z: Any) -> Any:
-        x = factors.apply_spread(z).reshape(problem.operator.unknown_shape)
-        return problem.whiten(problem.operator.forward(x).reshape(-1))
-
-    def adjoint(y: Any) -> Any:
-        back = problem.operator.adjoint(problem.transpose_white(y).reshape(problem.data.shape))
-        return factors.transpose_spread(back.reshape(-1))
+    forward = partial(whitened_forward, problem, factors)
+    adjoint = partial(whitened_adjoint, problem, factors)
 
     def normal(z: Any) -> Any:
         pulled = factors.transpose_root(factors.apply_root(z))
         return adjoint(forward(z)) + root_weight**2 * pulled
 
-    mean = factors.mean.reshape(problem.operator.unknown_shape)
-    data = problem.whiten((problem.data - problem.operator.forward(mean)).reshape(-1))
     rows = jax.eval_shape(factors.apply_root, jax.ShapeDtypeStruct((factors.coordinates,), float))
     rng = np.random.default_rng(0)
     of_data = xp.asarray(rng.standard_normal((DRAWS, problem.sample_count)))
@@ -74,7 +68,7 @@ def solve(
         return adjoint(ours) + root_weight * factors.transpose_root(theirs)
 
     invert, each = _solver(normal, factors.coordinates, problem.operator.by_jax)
-    best, zero = adjoint(data), xp.zeros(factors.coordinates)
+    best, zero = adjoint(centred_data(problem, factors)), xp.zeros(factors.coordinates)
     z = invert(best, zero if start is None else xp.asarray(start), tolerance)
     enough = max(tolerance, DRAWN_TOLERANCE)
     draws = each(lambda pair: invert(right(*pair), zero, enough), (of_data, of_prior))

@@ -25,7 +25,7 @@ from ..line.rule import Rule, choose
 from ..line.scorer import WeightScores
 from .bidiagonal import (
     Bidiagonalisation,
-    Products,
+    OperatorProducts,
     SingularSpace,
     Triplets,
     each_unknown,
@@ -45,9 +45,7 @@ LOOK_PROBES = 4  # random vectors, by which a first choice shows whether more st
 FIRST_PROBES, MOST_PROBES = 16, 64  # of a choice
 GROUPS = 8  # of probes, of which the jackknife leaves out one
 WEIGHT_ERROR = 0.02  # of the weight by its probes: below it more steps and probes are not made
-QUADRATURE = (
-    1e-2  # of the degrees of freedom: the bracket at the lowest weight, far wider than the error
-)
+QUADRATURE = 1e-2  # of the degrees of freedom: the bracket at the lowest weight, above the error
 CHECKED = 16  # steps of the quadrature between two looks at its error
 ROUNDING = 16.0  # times eps and the largest singular value: that of small ones, with some room
 PER_DECADE = 10  # weights at which convergence is looked at
@@ -140,7 +138,7 @@ class _Trial:
     """A rule's choice by the singular vectors that are found so far. `low`: the lowest log10 weight
     to choose; `is_cut`: whether the box goes on below."""
 
-    def __init__(self, form: StandardForm, rule: Rule, of: Products, space: SingularSpace):
+    def __init__(self, form: StandardForm, rule: Rule, of: OperatorProducts, space: SingularSpace):
         self._form, self._rule, self._of = form, rule, of
         self._rng, self._is_exact = np.random.default_rng(1), space.is_exact
         self._rules: list[Quadrature] = []
@@ -255,7 +253,7 @@ class Quadrature(NamedTuple):
 
 
 def quadrature(
-    of: Products, start: Float[np.ndarray, " s"], weight: float, known: float, most: int
+    of: OperatorProducts, start: Float[np.ndarray, " s"], weight: float, known: float, most: int
 ) -> Quadrature:
     """The quadrature for a vector, in as many steps as its degrees of freedom need at this weight
     beside those that are `known`, or `most`."""

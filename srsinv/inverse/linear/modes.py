@@ -26,6 +26,10 @@ HIGHEST = 2.0  # decades of the box above the weight that halves the mode of mos
 LOWEST = 2.0  # decades below the weight that halves the informative mode of least information
 MOST_BELOW = 8.0  # decades that data may add to these: beyond, N - freedom is rounding
 SCANNED = 193  # weights over the box of some 30 decades, in which criteria have several minima
+UNDETERMINED = (
+    "The data and the prior leave a combination of unknowns undetermined: give order=0 or a prior "
+    "of all unknowns."
+)
 ROUNDING = 16.0  # times eps, below which a wave's share of the prior is zero
 
 
@@ -133,12 +137,9 @@ def modes(found: Decomposition, factors: PriorFactors, data: Float[Numbers, " s"
     """
     basis, inverse_condition = found.right.T, 1.0
     if found.triangle is not None:
-        inverse_condition = _inverse_condition(found.triangle)
+        inverse_condition = inverse_condition_of(found.triangle)
         if inverse_condition < np.finfo(float).eps:
-            raise BadInput(
-                "The data and the prior leave a combination of unknowns undetermined: give order=0 "
-                "or a prior of all unknowns."
-            )
+            raise BadInput(UNDETERMINED)
         basis = scipy.linalg.solve_triangular(found.triangle, basis)
     return modes_of_left(
         found.left, data, factors.apply_spread(basis), found.model, found.prior,
@@ -146,7 +147,7 @@ def modes(found: Decomposition, factors: PriorFactors, data: Float[Numbers, " s"
     )  # fmt: skip
 
 
-def _inverse_condition(triangle: Any) -> float:
+def inverse_condition_of(triangle: Any) -> float:
     """LAPACK's estimate of the inverse condition number, in the 1-norm."""
     (estimate,) = scipy.linalg.get_lapack_funcs(("trcon",), (triangle,))
     return float(estimate(triangle)[0])
@@ -226,8 +227,7 @@ def circulant_modes(
     unit = np.sum(model**2) / np.sum(prior**2)
     refuse(
         bool(np.any((prior == 0) & (model <= m * np.finfo(float).eps * np.max(model)))),
-        "The data and the prior leave a combination of unknowns undetermined: give order=0 or a "
-        "prior of all unknowns.",
+        UNDETERMINED,
     )
     found = Decomposition(left, model, waves.T, np.sqrt(unit) * prior, None, np.asarray(unit))
     basis = spread[of_wave] * waves

@@ -128,21 +128,16 @@ class LinearProblem(eqx.Module):
         """Flat samples, and columns of them, as valid ones in units of the noise."""
         rows = rows if (observed := self.observed) is None else rows[observed]
         if self.noise_root is not None:
-            return self._triangular(rows, trans=0)
+            return solve_triangular(self.noise_root, rows, lower=True)
         return (rows.T / self._stderr).T
 
     def transpose_white(self, rows: Float[Numbers, " s"]) -> Float[Numbers, " sample"]:
         """The transposed map of [`LinearProblem.whiten`][]."""
         if self.noise_root is not None:
-            values = self._triangular(rows, trans=1)
+            values = solve_triangular(self.noise_root, rows, lower=True, trans=1)
         else:
             values = rows / self._stderr
         return self.at_samples(values, 0.0).ravel()
-
-    def _triangular(self, rows: Any, trans: int) -> Any:
-        xp = namespace(rows, self.noise_root)
-        linalg: Any = scipy.linalg if xp is np else jax.scipy.linalg
-        return linalg.solve_triangular(self.noise_root, rows, lower=True, trans=trans)
 
     @property
     def _stderr(self) -> Float[Numbers, "..."]:
@@ -162,16 +157,27 @@ class LinearProblem(eqx.Module):
         self, values: Float[Numbers, " s"], missing: float = np.nan
     ) -> Float[Numbers, "..."]:
         """Values of the valid samples in the data's shape."""
-        observed, xp = self.observed, namespace(values)
-        if observed is None:
+        if (observed := self.observed) is None:
             return values.reshape(self.data.shape)
-        at = np.flatnonzero(observed)
-        if xp is np:
-            whole = np.full(self.data.size, missing)
-            whole[at] = values
-        else:
-            whole = jnp.full(self.data.size, missing).at[at].set(values)
+        whole = scattered(values, np.flatnonzero(observed), self.data.size, missing)
         return whole.reshape(self.data.shape)
+
+
+def scattered(
+    values: Float[Numbers, " s"], at: Any, size: int, missing: float = 0.0
+) -> Float[Numbers, " n"]:
+    """A row of this size with the values at these places, and `missing` elsewhere."""
+    if namespace(values) is np:
+        whole = np.full(size, missing)
+        whole[at] = values
+        return whole
+    return jnp.full(size, missing).at[at].set(values)
+
+
+def solve_triangular(matrix: Any, rows: Any, lower: bool = False, trans: int = 0) -> Any:
+    """The solution of a triangular system, by numpy or jax, whichever the arrays are of."""
+    linalg: Any = scipy.linalg if namespace(matrix, rows) is np else jax.scipy.linalg
+    return linalg.solve_triangular(matrix, rows, lower=lower, trans=trans)
 
 
 def _numbers(name: str, value: Any) -> Float[Numbers, "..."]:

@@ -13,7 +13,6 @@ import math
 from typing import Any
 
 import equinox as eqx
-import jax
 import jax.numpy as jnp
 import numpy as np
 import scipy.linalg
@@ -21,8 +20,9 @@ from jaxtyping import Float, Int
 
 from ...errors import refuse
 from ...known import Numbers, in_jax, namespace
+from .modes import UNDETERMINED, inverse_condition_of
 from .prior import Differences, PriorFactors
-from .problem import LinearProblem
+from .problem import LinearProblem, scattered, solve_triangular
 
 LONGEST_AXIS = 8192  # cells of an axis of an array, whose differences are factored as a matrix
 
@@ -93,12 +93,7 @@ class AxisModes(RootInverse):
     shape: tuple[int, ...] = eqx.field(static=True)
 
     def __call__(self, u: Float[Numbers, " r"]) -> Float[Numbers, " k"]:
-        divided = u / self.values
-        if namespace(u) is np:
-            modes = np.zeros(math.prod(self.shape))
-            modes[self.held] = divided
-        else:
-            modes = jnp.zeros(math.prod(self.shape)).at[self.held].set(divided)
+        modes = scattered(u / self.values, self.held, math.prod(self.shape))
         return _along_axes(self.axes, modes.reshape(self.shape)).ravel()
 
     def transpose(self, z: Float[Numbers, " k"]) -> Float[Numbers, " r"]:
@@ -114,10 +109,10 @@ class TriangularInverse(RootInverse):
     triangle: Float[Numbers, "k k"]
 
     def __call__(self, u: Float[Numbers, " r"]) -> Float[Numbers, " k"]:
-        return _triangular(self.triangle, u)
+        return solve_triangular(self.triangle, u)
 
     def transpose(self, z: Float[Numbers, " k"]) -> Float[Numbers, " r"]:
-        return _triangular(self.triangle, z, trans=1)
+        return solve_triangular(self.triangle, z, trans=1)
 
 
 class PseudoInverse(RootInverse):
@@ -139,11 +134,6 @@ def _along_axes(matrices: Any, values: Any) -> Any:
         moved = namespace(values).tensordot(matrix, values, axes=(1, axis))
         values = namespace(values).moveaxis(moved, 0, axis)
     return values
-
-
-def _triangular(triangle: Any, values: Any, trans: int = 0) -> Any:
-    linalg: Any = scipy.linalg if namespace(triangle, values) is np else jax.scipy.linalg
-    return linalg.solve_triangular(triangle, values, trans=trans)
 
 
 def root_inverse(factors: PriorFactors) -> RootInverse:
@@ -168,8 +158,7 @@ def _of_matrix(root: Any) -> RootInverse:
     if rows >= k:
         is_factor = rows == k and not np.any(np.tril(root, -1))
         triangle = root if is_factor else np.linalg.qr(root)[1]
-        (estimate,) = scipy.linalg.get_lapack_funcs(("trcon",), (triangle,))
-        if estimate(triangle)[0] > k * np.finfo(float).eps:
+        if inverse_condition_of(triangle) > k * np.finfo(float).eps:
             return TriangularInverse(np.zeros((k, 0)), k, triangle)
     _, values, right = scipy.linalg.svd(root)
     count = int(np.sum(values > max(rows, k) * np.finfo(float).eps * values[0]))
@@ -235,11 +224,12 @@ class StandardForm(eqx.Module):
 
     def forward(self, u: Float[Numbers, " r"]) -> Float[Numbers, " s"]:
         """H u."""
-        return self._outside(_ahead(self.problem, self.factors, self.inverse(u)))
+        return self._outside(whitened_forward(self.problem, self.factors, self.inverse(u)))
 
     def adjoint(self, y: Float[Numbers, " s"]) -> Float[Numbers, " r"]:
         """H^T y."""
-        return self.inverse.transpose(_back(self.problem, self.factors, self._outside(y)))
+        z = whitened_adjoint(self.problem, self.factors, self._outside(y))
+        return self.inverse.transpose(z)
 
     def unknown(self, u: Float[Numbers, " r"]) -> Float[Numbers, " m"]:
         """What u adds to the unknown."""
@@ -253,16 +243,22 @@ class StandardForm(eqx.Module):
         return y - self.range @ (self.range.T @ y) if self.free_count else y
 
 
-def _ahead(problem: LinearProblem, factors: PriorFactors, z: Any) -> Any:
-    """The whitened data of coordinates z."""
+def whitened_forward(problem: LinearProblem, factors: PriorFactors, z: Any) -> Any:
+    """The whitened data of prior coordinates z, less those of the prior's mean."""
     x = factors.apply_spread(z).reshape(problem.operator.unknown_shape)
     return problem.whiten(problem.operator.forward(x).reshape(-1))
 
 
-def _back(problem: LinearProblem, factors: PriorFactors, y: Any) -> Any:
-    """The transposed map."""
+def whitened_adjoint(problem: LinearProblem, factors: PriorFactors, y: Any) -> Any:
+    """The transposed map of [`whitened_forward`][]."""
     samples = problem.transpose_white(y).reshape(problem.data.shape)
     return factors.transpose_spread(problem.operator.adjoint(samples).reshape(-1))
+
+
+def centred_data(problem: LinearProblem, factors: PriorFactors) -> Float[Numbers, " s"]:
+    """The whitened data, less those of the prior's mean."""
+    mean = factors.mean.reshape(problem.operator.unknown_shape)
+    return problem.whiten((problem.data - problem.operator.forward(mean)).reshape(-1))
 
 
 def standard_form(problem: LinearProblem, factors: PriorFactors) -> StandardForm:
@@ -274,26 +270,25 @@ def standard_form(problem: LinearProblem, factors: PriorFactors) -> StandardForm
     if problem.operator.by_jax:
         problem, factors, inverse = in_jax((problem, factors, inverse))
     xp = jnp if problem.operator.by_jax else np
-    mean = factors.mean.reshape(problem.operator.unknown_shape)
-    data = problem.whiten((problem.data - problem.operator.forward(mean)).reshape(-1))
+    data = centred_data(problem, factors)
     null, d = inverse.null, inverse.null.shape[1]
     if d == 0:
         outer, free, pulled = (
             xp.zeros((rows, 0)) for rows in (data.size, factors.coordinates, inverse.size)
         )
         return StandardForm(problem, factors, inverse, data, outer, xp.zeros(0), free, pulled)
-    columns = xp.stack([_ahead(problem, factors, null[:, i]) for i in range(d)], axis=1)
+    columns = xp.stack([whitened_forward(problem, factors, null[:, i]) for i in range(d)], axis=1)
     outer, triangle = xp.linalg.qr(columns)
     signs = xp.asarray(np.random.default_rng(0).choice([-1.0, 1.0], factors.coordinates))
-    norm = xp.linalg.norm(_ahead(problem, factors, signs))  # about Frobenius's of the operator
+    # About Frobenius's norm of the operator.
+    norm = xp.linalg.norm(whitened_forward(problem, factors, signs))
     least = max(columns.shape) * np.finfo(float).eps * norm
     refuse(
         columns.shape[0] < d or bool(np.any(np.abs(np.diag(np.asarray(triangle))) <= least)),
-        "The data and the prior leave a combination of unknowns undetermined: give order=0 or a "
-        "prior of all unknowns.",
+        UNDETERMINED,
     )
-    free = _triangular(triangle, null.T, trans=1).T
-    back = [inverse.transpose(_back(problem, factors, outer[:, i])) for i in range(d)]
+    free = solve_triangular(triangle, null.T, trans=1).T
+    back = [inverse.transpose(whitened_adjoint(problem, factors, outer[:, i])) for i in range(d)]
     along = outer.T @ data
     pulled = xp.stack(back, axis=1)
     left = data - outer @ along
