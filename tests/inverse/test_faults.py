@@ -7,7 +7,7 @@ from experiments.robustness.faults import faults, faulty
 from experiments.robustness.scans import SCENES
 from tests.claims.clean_draws import drawn
 from tests.claims.faults import METHODS, errors, measured, problem
-from tests.tiers import quick
+from tests.tiers import hardest
 
 SAID = [
     ("dead_second", "wiener, friction known", "seems to be dead"),
@@ -19,8 +19,7 @@ SAID = [
 ]
 
 
-@pytest.mark.full
-@pytest.mark.parametrize(("fault", "method", "words"), quick(SAID, SAID[2]))
+@pytest.mark.parametrize(("fault", "method", "words"), hardest(SAID, [], SAID[1:4]))
 def test_a_fault_is_said(fault, method, words):
     row = measured(fault, method)
     assert any(words in each for each in row["warnings"])
@@ -47,8 +46,7 @@ def error(fault):
     return float(np.sqrt(np.mean(parts))), stated.warnings
 
 
-@pytest.mark.full
-@pytest.mark.parametrize("fault", quick(LOST, "outlier"))
+@pytest.mark.parametrize("fault", hardest(LOST, [], ["outlier", "bursts", "lost_as_zeros"]))
 def test_samples_at_fault_cost_little(fault):
     clean, said = error("none")
     assert said == ()

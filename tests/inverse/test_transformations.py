@@ -90,7 +90,7 @@ GRADIENTS = [
 ]  # fmt: skip
 # Rules that differ in the terms of a score that they take: the others are differentiated alike.
 RARE = [
-    *(("spectral", rule) for rule in (*RULES[2:3], *RULES[4:6], RULES[7])),
+    *(("spectral", rule) for rule in (*RULES[2:6], RULES[7])),
     *(("direct", method) for method in ("GeneralisedCrossValidation", "LCurve", "correlation")),
 ]  # fmt: skip
 GRADUALLY = [case for case in GRADIENTS if case not in RARE]

@@ -9,7 +9,7 @@ from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.recorded import problem_of, ready
-from tests.tiers import quick
+from tests.tiers import hardest
 
 SCENE = SCENES["strip, two elements"]
 FIT = FeatureFit({"strip": SCENE.feature})
@@ -26,7 +26,7 @@ def fitted(fault: str, seed: int = 0) -> FeatureEstimate:
     return FIT(problem_of(ready(faulty(faults()[fault], SCENE, seed).recording)))
 
 
-@pytest.mark.parametrize("fault", quick(NAMED, "low_pass"))
+@pytest.mark.parametrize("fault", hardest(NAMED, ["low_pass"], ["saturated", "hum_weak"]))
 def test_what_is_wrong_is_named_with_its_value(fault):
     name, value, within = NAMED[fault]
     estimate = fitted(fault)

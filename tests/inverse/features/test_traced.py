@@ -116,7 +116,7 @@ def numbers(method, problem):
     return jnp.array([number for pair in pairs for number in pair])
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_strip_by_the_depth_the_angle_and_the_gain():
     """The values' slopes are those of known fits on the same cells, whose standard errors hold the
     misfit of a wrong sensor, too."""

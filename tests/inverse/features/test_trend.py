@@ -11,7 +11,7 @@ from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.modules import with_fields
 from srsinv.recorded import problem_of, ready
-from tests.tiers import quick
+from tests.tiers import hardest
 
 TWO, ONE, _ = SCENES
 CASES = [
@@ -21,9 +21,10 @@ CASES = [
     ]
     for drift in (None, "auto")
 ]  # fmt: skip
+SECOND = [(TWO, "warm_up", None), (TWO, "offset", "auto"), (ONE, "ramp", None)]
 
 
-@pytest.mark.parametrize(("scene", "fault", "drift"), quick(CASES, (TWO, "step", None)))
+@pytest.mark.parametrize(("scene", "fault", "drift"), hardest(CASES, [(TWO, "step", None)], SECOND))
 def test_a_drift_is_no_feature(scene, fault, drift):
     """By features alone pressure or friction is off by 20 to 400 %."""
     own = SCENES[scene]
