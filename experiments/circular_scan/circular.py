@@ -16,8 +16,9 @@ from jaxtyping import Array, Float
 from srsinv.compiled import compiled
 from srsinv.errors import BadInput, number, refuse, whole
 from srsinv.forward.film import Film, StripAverage
-from srsinv.forward.oblique import TurnedSkin, turned_film
+from srsinv.forward.oblique import turned_film
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.turned_skin import TurnedSkin
 from srsinv.grid import Scalar, as_real
 
 MOST_SAMPLES = 100_000

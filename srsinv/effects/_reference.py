@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Complex, Float, Inexact
 
 from ..compiled import compiled
+from ..errors import refuse
 from ..forward.scan import Motion
 from ..forward.scenario import Scenario
 from ..forward.scene import SurfaceScene, deviation
@@ -229,6 +230,11 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
     """
     scene, sensor, direction = scenario.scene, scenario.sensor, scenario.scan.direction
     assert scene is not None
+    refuse(
+        any(film.turn_rad is not None for film in sensor.elements),
+        "The sensor has elements turned in the plane, for which the size of effects is not "
+        "bounded: name the effects, as effects=[strip_width], or give sensor=two_element.",
+    )
     # In numpy as far as possible: what runs once takes longer to compile.
     k = 2 * np.pi * np.fft.rfftfreq(line.n, np.asarray(line.cell_m))
     films = [jax.tree.map(np.asarray, film) for film in sensor.elements]

@@ -14,6 +14,7 @@ from ..forward.film import LineEffect
 from ..forward.sensor import FilmSignal, FilmStress
 from ..forward.simulation import Simulation
 from ..forward.skin import STRESSES
+from ..forward.turned_skin import along_x
 from ..grid import Periodic, Stage, as_real
 
 
@@ -37,7 +38,10 @@ def signal_and_stress(
     stress = np.stack([np.einsum("sck,ck->sk", transfer[depth], traction) for depth in depths])
     readout = np.asarray(output.gain) * (1j * k if output.order else 1.0)
     rows = []
-    for film, own in zip(output.elements, stress, strict=True):
+    for given, own in zip(output.elements, stress, strict=True):
+        film, skin = along_x(given, output.skin)
+        if skin is not output.skin:
+            own = np.einsum("sck,ck->sk", skin.transfer_once(k, float(film.depth_m)), traction)
         weights = jax.tree.map(np.asarray, film).charge_per_stress(np)
         along_line = np.ones_like(k)
         for effect in film.all_effects:

@@ -16,6 +16,8 @@ _ELEMENT_KEYS = {
     "strip_width_m",
     "active_length_m",
     "offset_m",
+    "offset_y_m",
+    "turn_deg",
     "depth_m",
     "strips",
 }
@@ -26,8 +28,8 @@ def elements(description: Mapping[str, Any]) -> tuple[Film, ...]:
 
     `depth_m`, `piezo_constants_C_per_N` {d1, d2, d3}, `strips` and `elements`, a list or a mapping
     by name, each with `orientation` ("1_to_x_3_to_z", "1_to_z_3_to_x") or `angle_deg`,
-    `strip_width_m`, `active_length_m`, `offset_m`, and its own `depth_m` or `strips` where they
-    differ.
+    `strip_width_m`, `active_length_m`, `offset_m`, `offset_y_m`, `turn_deg` (of the strip about z),
+    and its own `depth_m` or `strips` where they differ.
 
     Raises `BadInput` for values that are missing, of the wrong type or out of range.
     """
@@ -74,6 +76,8 @@ def _film(name: str, part: Any, description: Mapping[str, Any]) -> Film:
         piezo=_piezo(description.get("piezo_constants_C_per_N")),
         strips=known("strips", "a whole number from 1", 1.0),
         offset_m=known("offset_m", "a length in metres, of either sign", 0.0),
+        offset_y_m=known("offset_y_m", "a length in metres, of either sign", 0.0),
+        turn_rad=np.deg2rad(known("turn_deg", "an angle in degrees from +x toward +y", 0.0)),
     )
 
 

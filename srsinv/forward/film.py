@@ -34,6 +34,14 @@ def _constant(name: str, value) -> Float[Array, ""]:
     return as_real(number(f"sensor.piezo_constants_C_per_N.{name}", value, "a number in C/N"))
 
 
+def _turn(value) -> Float[Array, ""] | None:
+    """A turn [rad]; None for none, so that the model of a strip across x has no factor for it."""
+    if value is None:
+        return None
+    turn = number("sensor turn_rad", value, "an angle in radians, from +x toward +y")
+    return None if not is_traced(turn) and turn == 0 else as_real(turn)
+
+
 def _length(name: str, value) -> Float[Array, ""]:
     return as_real(number(f"sensor {name}", value, "a positive length in metres", above=0))
 
@@ -219,7 +227,10 @@ class Film(eqx.Module):
     - `width_m` [m] times `length_m` [m]: electrode area of one strip; `strips`: how many are
       laminated (their charges add).
     - `offset_m` [m]: of the element from the sensor's origin along x; its signal at the time t is
-      that of the place x(t) + offset_m.
+      that of the place x(t) + offset_m. `offset_y_m` [m]: along y, which matters for features that
+      cross x obliquely.
+    - `turn_rad` [rad]: turn of the strip about z, from +x toward +y. At 0, which is kept as None,
+      its width is along x and its length along y.
     - `piezo`: piezoelectric constants, those of PVDF by default.
     - `effects`: effects along the line; empty for an ideal thin strip, whose width is a part of the
       area alone. [`with_strip_average`][] adds the mean over the width.
@@ -241,6 +252,8 @@ class Film(eqx.Module):
     offset_m: Float[Array, ""]
     is_backward: bool = eqx.field(static=True)
     is_at_origin: bool = eqx.field(static=True)
+    turn_rad: Float[Array, ""] | None
+    offset_y_m: Float[Array, ""]
 
     def __init__(
         self,
@@ -254,6 +267,8 @@ class Film(eqx.Module):
         offset_m=0.0,
         is_backward: bool = False,
         is_at_origin: bool = False,
+        turn_rad=0.0,
+        offset_y_m=0.0,
     ):
         self.depth_m = _length("depth_m", depth_m)
         self.width_m = _length("strip_width_m", width_m)
@@ -262,6 +277,8 @@ class Film(eqx.Module):
         wanted = f"a length in metres, from {-MOST_OFFSET_M:g} to {MOST_OFFSET_M:g}"
         within = {"least": -MOST_OFFSET_M, "most": MOST_OFFSET_M}
         self.offset_m = as_real(number("sensor offset_m", offset_m, wanted, **within))
+        self.offset_y_m = as_real(number("sensor offset_y_m", offset_y_m, wanted, **within))
+        self.turn_rad = _turn(turn_rad)
         wanted = "a whole number from 1"
         self.strips = whole("sensor strips", strips, wanted, least=1)
         self.piezo = Piezo() if piezo is None else piezo

@@ -13,6 +13,7 @@ import numpy as np
 import scipy
 from jaxtyping import Array, Complex, Float
 
+from ..errors import refuse
 from ..grid import as_real
 from .film import Film, Kernel, StressAt
 from .operator import POINTS, lagrange
@@ -85,6 +86,11 @@ class MeasuredFilm(Film):
 
     def __init__(self, far: Any, correction: KernelTable, stated_effects: int, **film: Any):
         super().__init__(**film)
+        refuse(
+            self.turn_rad is not None,
+            "A film with a measured kernel is turned in the plane, where its kernel is not known: "
+            "measure it in its own axes and give turn_rad=0.",
+        )
         self.far, self.correction, self.stated_effects = as_real(far), correction, stated_effects
 
     @classmethod

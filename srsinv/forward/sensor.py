@@ -18,6 +18,7 @@ from .filter import Filter, even_interval
 from .operator import MotionOperator, PositionInterpolation
 from .scan import ConstantSpeed, Motion
 from .skin import HalfSpace, Skin
+from .turned_skin import along_x
 
 
 class FilmSignal(Stage):
@@ -34,7 +35,7 @@ class FilmSignal(Stage):
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
         charge = [
-            film.charge_transfer(stress_in(self.skin, k, film.depth_m), k) for film in self.elements
+            film.charge_transfer(stress_in(skin, k, film.depth_m), k) for film, skin in self._pairs
         ]
         derivative = 1j * k[None, None] if self.order else 1.0
         return self.gain * derivative * jnp.stack(charge)
@@ -42,22 +43,27 @@ class FilmSignal(Stage):
     def cell_response(
         self, x: Float[Array, " x"], cell_m: Float[Array, ""]
     ) -> Float[Array, "e c x"]:
-        respond = self.skin.strip_slope if self.order else self.skin.strip_response
+        def one(film: Film, skin: Skin):
+            respond = skin.strip_slope if self.order else skin.strip_response
 
-        def one(film: Film):
             def stress(x):
                 return respond(x, film.depth_m, cell_m)
 
             return film.charge_response(stress, x, cell_m, self.order)
 
-        return self.gain * jnp.stack([one(film) for film in self.elements])
+        return self.gain * jnp.stack([one(*pair) for pair in self._pairs])
 
     def series_radius_m(self, cell_m: Float[Array, ""]) -> Scalar:
         radii = [
-            film.series_radius_m(self.skin.series_radius_m(film.depth_m, cell_m))
-            for film in self.elements
+            film.series_radius_m(skin.series_radius_m(film.depth_m, cell_m))
+            for film, skin in self._pairs
         ]
         return jnp.max(jnp.stack([as_real(radius) for radius in radii]))
+
+    @property
+    def _pairs(self) -> list[tuple[Film, Skin]]:
+        """Each film with the skin in the axes of its strip."""
+        return [along_x(film, self.skin) for film in self.elements]
 
 
 class FilmStress(Stage):
@@ -150,6 +156,8 @@ class Sensor(eqx.Module):
         for i, film in enumerate(self.elements):
             angle = float(np.rad2deg(film.angle_rad))
             own = known.get(round(angle, 6), f"at {angle:.4g} deg")
+            if film.turn_rad is not None:
+                own += f", turned {float(np.rad2deg(film.turn_rad)):.4g} deg"
             names.append(f"{i % onwards}: {own}, back" if film.is_backward else f"{i}: {own}")
         return names
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import refuse
+from ..forward.film import Film
 from ..inverse.problem import Problem
 from ..inverse.rig.calibration import Calibration
 from ..recording import Reader, Recording, facts_of
@@ -90,12 +91,20 @@ def sidecar_of(
             "offset_m": value.get(f"offset_{n}_m", float(film.offset_m)),
             "depth_m": float(film.depth_m),
             "strips": int(film.strips),
+            **_in_plane(film),
         }
         for n, film in enumerate(films, 1)
     ]
     facts["sensor"] = sensor
     facts["rig_error"] = _uncertainty(calibration, wiring)
     return _headed(f"{json.dumps(facts, indent=1, allow_nan=False)}\n")
+
+
+def _in_plane(film: Film) -> dict[str, float]:
+    """The turn about z and the place along y, where the element has them."""
+    turn = 0.0 if film.turn_rad is None else float(np.rad2deg(film.turn_rad))
+    facts = {"turn_deg": turn, "offset_y_m": float(film.offset_y_m)}
+    return {key: value for key, value in facts.items() if value}
 
 
 def _headed(text: str) -> str:

@@ -71,6 +71,8 @@ class ElementFacts(Facts):
     strip_width_m: Positive = None
     active_length_m: Positive = None
     offset_m: Number = None
+    offset_y_m: Number = None
+    turn_deg: Number = None
     depth_m: Positive = None
     strips: Strips = None
 

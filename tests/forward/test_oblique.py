@@ -13,10 +13,11 @@ from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier
 from srsinv.forward.film import Film, LineEffect, Offset, SampleAverage, StripAverage
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.layered import Layer, Layered
-from srsinv.forward.oblique import TurnedSkin, turned, turned_scan
+from srsinv.forward.oblique import turned, turned_scan
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
+from srsinv.forward.turned_skin import TurnedSkin
 from srsinv.grid import Open, Periodic, as_real
 from tests.forward.setups import LINES, SCAN, apply, derivatives, full_sensor, largest_error
 from tests.refusals import refused
