@@ -86,7 +86,7 @@ class Filter(eqx.Module):
         steps = np.arange(signal.shape[-1] - 1)
         decay = jnp.where(acts | (steps == 0)[None], jnp.exp(z[:, None] * steps[None]), 0.0)
         added = jnp.sum(jnp.real(first[:, None] * decay), axis=0)
-        return signal + jnp.pad(_causal(added, jnp.diff(signal)), ((0, 0), (1, 0)))
+        return signal + jnp.pad(causal(added, jnp.diff(signal)), ((0, 0), (1, 0)))
 
     @compiled
     def in_time_adjoint(
@@ -215,7 +215,7 @@ def even_interval(time_s: Float[Array, " sample"]) -> Float[Array, ""]:
     return (time_s[-1] - time_s[0]) / (time_s.size - 1)
 
 
-def _causal(kernel: Float[Array, " step"], steps: Float[Array, "e step"]) -> Float[Array, "e step"]:
+def causal(kernel: Float[Array, " step"], steps: Float[Array, "e step"]) -> Float[Array, "e step"]:
     """sum over j <= i of kernel[i - j] steps[j]."""
     length = fast_length(2 * kernel.size)
     spectrum = jnp.fft.rfft(kernel, length)[None] * jnp.fft.rfft(steps, length)

@@ -5,6 +5,8 @@ relaxes. A film's response to it is the charge Q of a uniform shear on a strip o
 length: the recording is a shot noise (Campbell's theorem; Rice 1944, part I).
 """
 
+from collections.abc import Callable
+
 import equinox as eqx
 import jax
 import jax.numpy as jnp
@@ -26,6 +28,9 @@ TRUNCATION_ERROR = 1e-10  # of the response, by what terms there are where the c
 BLOCK = 128  # events drawn at once
 MOST_PER_S = 1e6
 MOST_DEPTHS = 200  # of contact: beyond, panels and terms do not resolve the shallowest response
+
+# Of events at places along the contact, and of an age.
+Contribution = Callable[[Float[Array, " event"], Float[Array, " event"]], Float[Array, "r event"]]
 
 
 class SnapBackNoise(NonGaussianNoise):
@@ -101,7 +106,7 @@ class SnapBackNoise(NonGaussianNoise):
     def spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
     ) -> Float[Array, " k"]:
-        interval, per_s = self._interval_and_rate(line, scan)
+        interval, per_s = self.interval_and_rate(line, scan)
         relaxation_m = self.decay_s / interval * line.cell_m
         held = exponential_spectrum(line.k, line.cell_m, relaxation_m)
         power = per_s * self._mean_square(line, scan) * self.decay_s / 2 * held
@@ -116,7 +121,7 @@ class SnapBackNoise(NonGaussianNoise):
 
         Not differentiable in reverse: the number of events is random.
         """
-        interval, per_s = self._interval_and_rate(line, scan)
+        interval, per_s = self.interval_and_rate(line, scan)
         ratio = interval / self.decay_s
         fresh = self._fresh(key, line.n, per_s * line.n * interval, ratio)
         recorded = self._relaxing(line, ratio) * self._passed(line, interval)
@@ -129,7 +134,7 @@ class SnapBackNoise(NonGaussianNoise):
     def _is_rate(self) -> bool:
         return self.amplifier.order > 0
 
-    def _interval_and_rate(
+    def interval_and_rate(
         self, line: Line, scan: ConstantSpeed
     ) -> tuple[Float[Array, ""], Float[Array, ""]]:
         """Sampling interval [s], arbitrary at rest, and rate of events [1/s], 0 at rest."""
@@ -177,25 +182,13 @@ class SnapBackNoise(NonGaussianNoise):
     ) -> Float[Array, "e n"]:
         """Per unit shear, the charge at every sample of the events since the one before, with
         `ratio` the sampling interval over the decay."""
-        for_number, for_events = jax.random.split(key)
-        number_of_events = jax.random.poisson(for_number, expected)
         over_contact, term = self._over_contact(), jnp.arange(self.terms)
 
-        def add(block, charge):
-            for_places, for_sizes = jax.random.split(jax.random.fold_in(for_events, block))
-            # One draw for three, as every draw is long to compile.
-            along, age, when = jax.random.uniform(for_places, (3, BLOCK))
-            # Places are uniform over the contact, from -1 to 1 in halves of it.
-            response = over_contact @ jnp.cos(term[:, None] * jnp.arccos(2 * along - 1)[None])
-            amplitude = jax.random.normal(for_sizes, (BLOCK,)) * jnp.exp(-ratio * age)
-            sample = jnp.minimum(jnp.floor(when * n).astype(int), n - 1)
-            happens = block * BLOCK + jnp.arange(BLOCK) < number_of_events
-            jump = jnp.where(happens, amplitude, 0.0)[None] * response
-            return charge.at[:, sample].add(jump)
+        def contribution(along, age):
+            response = over_contact @ jnp.cos(term[:, None] * jnp.arccos(along)[None])
+            return jnp.exp(-ratio * age)[None] * response
 
-        blocks = (number_of_events + BLOCK - 1) // BLOCK
-        none = jnp.zeros((len(self.charge.elements), n))
-        return jax.lax.fori_loop(0, blocks, add, none)
+        return sum_over_events(key, expected, n, len(self.charge.elements), contribution)
 
     def _relaxing(self, line: Line, ratio: Float[Array, ""]) -> Complex[Array, " k"]:
         """Transfer from fresh charge to the recorded signal, over the samples in time."""
@@ -204,6 +197,36 @@ class SnapBackNoise(NonGaussianNoise):
         # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
         denominator = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
         return (difference if self._is_rate else 1.0) / denominator
+
+
+def sum_over_events(
+    key: PRNGKeyArray,
+    expected: Float[Array, ""],
+    n: int,
+    rows: int,
+    contribution: Contribution,
+) -> Float[Array, "r n"]:
+    """Random events, so many `expected` over n samples, each added at the first sample after it:
+    its Gaussian amplitude times its `contribution(along, age)`.
+
+    `along`: its place in the contact, from -1 to 1. `age`: the time since it, in intervals. The
+    same key gives the same events to every sensor.
+    """
+    for_number, for_events = jax.random.split(key)
+    number_of_events = jax.random.poisson(for_number, expected)
+
+    def add(block, total):
+        for_places, for_sizes = jax.random.split(jax.random.fold_in(for_events, block))
+        # One draw for three, as every draw is long to compile.
+        along, age, when = jax.random.uniform(for_places, (3, BLOCK))
+        amplitude = jax.random.normal(for_sizes, (BLOCK,))
+        sample = jnp.minimum(jnp.floor(when * n).astype(int), n - 1)
+        happens = block * BLOCK + jnp.arange(BLOCK) < number_of_events
+        each = jnp.where(happens, amplitude, 0.0)[None] * contribution(2 * along - 1, age)
+        return total.at[:, sample].add(each)
+
+    blocks = (number_of_events + BLOCK - 1) // BLOCK
+    return jax.lax.fori_loop(0, blocks, add, jnp.zeros((rows, n)))
 
 
 def _terms(contact_m: float, depth_m: float) -> int:
