@@ -128,7 +128,7 @@ def with_sensor(
     assert problem.scan is not None
     return LineProblem.of_sensor(
         problem.line, sensor, problem.scan, problem.data + problem.mean_signal, problem.noise,
-        known_mean_Pa=problem.known_mean_Pa, rig=rig,
+        known_mean_Pa=problem.known_mean_Pa, rig=rig, shared_noise=problem.shared_noise,
     )  # fmt: skip
 
 

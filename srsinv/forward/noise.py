@@ -40,6 +40,13 @@ class Noise(eqx.Module):
     ) -> Float[Array, " k"]:
         """Power per sample at line.k, given the noise-free signal's rms over all elements."""
 
+    def cross_spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""], elements: int
+    ) -> Float[Array, "e e k"]:
+        """Cross-spectral matrix between so many elements: diagonal, as they are independent."""
+        power = self.spectrum(line, scan, signal_rms)
+        return jnp.eye(elements)[..., None] * power[None, None]
+
     @property
     def non_gaussian(self) -> "NonGaussianNoise | None":
         """The noise as one that brings its own draw; None where it is Gaussian, and independent
@@ -49,7 +56,7 @@ class Noise(eqx.Module):
 
 class NonGaussianNoise(Noise):
     """A cause that is not Gaussian, or not independent from element to element, and brings its own
-    draw. Its spectrum is then the mean over the elements."""
+    draw. Its spectrum is then the mean over the elements; `cross_spectrum` has them apart."""
 
     @property
     def non_gaussian(self) -> "NonGaussianNoise":
@@ -193,6 +200,15 @@ def with_noise(
         noisy = noisy + noise.draw(jax.random.fold_in(key, at), line, scan, rms)
         spectrum = spectrum + _power(noise, line, scan, rms)
     return noisy, spectrum, rms
+
+
+@compiled
+def cross_spectrum(
+    noises: tuple[NonGaussianNoise, ...], line: Line, scan: ConstantSpeed, signal_rms, elements: int
+) -> Float[Array, "e e k"]:
+    """The cross-spectral matrix of independent causes that bring their own draws."""
+    each = (noise.cross_spectrum(line, scan, signal_rms, elements) for noise in noises)
+    return sum(each, jnp.zeros((elements, elements, line.k.size)))
 
 
 def _power(noise: Noise, line: Line, scan: ConstantSpeed, signal_rms) -> Float[Array, " k"]:

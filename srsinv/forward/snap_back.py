@@ -40,7 +40,8 @@ class SnapBackNoise(NonGaussianNoise):
     - `patch_m`: a patch's length; `contact_m`: that of the contact, about the sensor's origin.
     - `charge`, `amplifier`, `filters`: the response to a load, its readout, and the filters behind.
 
-    All elements respond to the same events, and the spectrum is the mean over them. A sample of a
+    All elements respond to the same events: `cross_spectrum` has the matrix of their noise, and the
+    spectrum is the mean over them. A sample of a
     rate signal is the mean over the sampling interval before it, v_j = R_f (Q_j - Q_{j-1})/dt, one
     of an amplifier of order 0 its gain times Q_j. The filters act on these samples. Nothing happens
     at rest, nor without a contact. The film's effects act as on a load, so that an average of
@@ -114,6 +115,17 @@ class SnapBackNoise(NonGaussianNoise):
         # The squared modulus of the difference between neighbours.
         return power * (2 * jnp.sin(line.k * line.cell_m / 2)) ** 2 if self._is_rate else power
 
+    def cross_spectrum(
+        self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""], elements: int
+    ) -> Float[Array, "e e k"]:
+        """Cross-spectral matrix: the spectrum, shared out as mean products of two films' charges
+        by the same jump."""
+        jump, weight = self._jumps(line, scan)
+        products = (jump * weight[None]) @ jump.T
+        mean = jnp.mean(jnp.diag(products))
+        shares = products / jnp.where(mean > 0, mean, 1.0)
+        return shares[..., None] * self.spectrum(line, scan, signal_rms)[None, None]
+
     def draw(
         self, key: PRNGKeyArray, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""]
     ) -> Float[Array, "e n"]:
@@ -169,13 +181,21 @@ class SnapBackNoise(NonGaussianNoise):
 
     def _mean_square(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
         """Mean square of a jump in the signal: over amplitudes, the contact and the elements."""
+        jump, weight = self._jumps(line, scan)
+        return jnp.mean(jump**2 @ weight)
+
+    def _jumps(
+        self, line: Line, scan: ConstantSpeed
+    ) -> tuple[Float[Array, "e place"], Float[Array, " place"]]:
+        """The jump in every signal of an event of rms shear at places of the contact, and the
+        weights of the places in a mean over it."""
         node, weight = np.polynomial.legendre.leggauss(NODES)
         middle = 2 * np.arange(PANELS) + 1 - PANELS
         places = ((middle[:, None] + node[None]) / PANELS).ravel()
         response = self._response(self.contact_m / 2 * as_real(places))
         # Squared as a signal: a charge's square is beyond single precision.
         jump = self._reading(line, scan) * self.shear_Pa * response
-        return jnp.mean(jump**2 @ as_real(np.tile(weight, PANELS) / (2 * PANELS)))
+        return jump, as_real(np.tile(weight, PANELS) / (2 * PANELS))
 
     def _fresh(
         self, key: PRNGKeyArray, n: int, expected: Float[Array, ""], ratio: Float[Array, ""]

@@ -398,6 +398,14 @@ def rough_bands(defect: float) -> Sequence[str]:
     )
 
 
+def correlated_elements(why: str) -> Sequence[str]:
+    """Warning on noise that elements share and that is taken as independent."""
+    return (
+        f"The elements share noise that is taken as independent, because {why}: bands may be too "
+        "narrow. Leave out what makes it so, or compare with effects without snap_back.",
+    )
+
+
 def missing(fraction: float) -> Sequence[str]:
     """Warning on a `fraction` of samples missing within the scan."""
     if fraction <= FEW_MISSING:

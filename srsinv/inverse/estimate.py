@@ -6,7 +6,7 @@ the cut-off wavenumber.
 
 import abc
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -266,6 +266,11 @@ class TractionEstimate(Estimate):
         changed: dict[str, Any] = dict.fromkeys(names) | {"are_cells": False}
         stderr = self._carried(weights)
         return dataclasses.replace(self, line=line, value=value, stderr=stderr, **changed)
+
+    def of_elements(self, change: Callable[[Any], Any]) -> "TractionEstimate":
+        """The same with `change` applied to the rows of its fitted signal and its residual."""
+        fitted, whitened = change(jnp.asarray(self.fitted)), change(jnp.asarray(self.whitened))
+        return dataclasses.replace(self, fitted=fitted, whitened=whitened)
 
     def _carried(self, weights: np.ndarray) -> Float[Array, "2 m"]:
         """The standard error of averages with these weights (m, n)."""

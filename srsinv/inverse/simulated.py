@@ -9,7 +9,7 @@ from jaxtyping import Array, Float
 from ..compiled import compiled
 from ..errors import refuse
 from ..forward.film import StripAverage
-from ..forward.noise import check_power, with_noise
+from ..forward.noise import check_power, cross_spectrum, split_gaussian, with_noise
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
 from ..forward.simulation import Simulation
@@ -17,6 +17,7 @@ from ..grid import Periodic
 from ..known import is_traced
 from .gridding.cells import fitted_on
 from .line.problem import LineProblem
+from .line.shared import shared_noise
 
 LEAST_SAMPLES = 0.99  # a cell: with fewer, the cells would have to be guessed
 
@@ -36,14 +37,16 @@ def _mean_pressure(traction: Float[Array, "c n"]) -> Float[Array, ""]:
 
 def problem_of(sim: Simulation, signal, mean_p_Pa, key, friction=None) -> LineProblem:
     """The signal without noise, (e, n) at the line's positions, with noise and what inverts it."""
-    data, spectrum, rms = with_noise(sim.scenario.noises, sim.line, sim.scan, signal, key)
-    _check_noise(sim.sensor, sim.scenario.noises, spectrum, rms)
+    noises = sim.scenario.noises
+    data, spectrum, rms = with_noise(noises, sim.line, sim.scan, signal, key)
+    _check_noise(sim.sensor, noises, spectrum, rms)
+    cross = _cross_spectrum(noises, sim.line, sim.scan, rms, len(data))
     recorder, observed = sim.scenario.recorder, None
     if recorder.conversions:
         valid = np.asarray(recorder.valid(data))
         observed = None if valid.all() else valid
         data, spectrum = recorder.convert(data), spectrum + recorder.variance
-    return _problem(sim, sim.sensor, data, spectrum, observed, mean_p_Pa, friction)
+    return _problem(sim, sim.sensor, data, (spectrum, cross), observed, mean_p_Pa, friction)
 
 
 def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem:
@@ -70,19 +73,27 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
         f"than {LEAST_SAMPLES:g}: raise effects.sampling.rate_hz, or lower grid.cells.",
     )
     signal = signal if direction > 0 else signal[:, ::-1]
-    power = np.interp(sim.line.k, record.k, record.spectrum) / typical
+
+    def on_cells(power: np.ndarray) -> np.ndarray:
+        return np.interp(sim.line.k, record.k, power) / typical
+
+    cross = record.cross
+    if cross is not None:
+        cross = jnp.asarray(np.apply_along_axis(on_cells, -1, cross))
+    power = jnp.asarray(on_cells(record.spectrum)), cross
     # A cell has the mean of what is sampled on its way.
     sensor = sim.sensor.with_films(
         lambda film: film.with_effect(StripAverage.at_depth(cell, film.depth_m))
     )
     data, observed = jnp.nan_to_num(signal), np.isfinite(signal)
-    return _problem(sim, sensor, data, jnp.asarray(power), observed, mean_p_Pa, friction)
+    return _problem(sim, sensor, data, power, observed, mean_p_Pa, friction)
 
 
 class TimedSamples(NamedTuple):
     """What is recorded in time: `signal` (e, sample), which of it is `valid`, along `motion`.
 
-    `spectrum` (k,): the noise's power per sample at `k` of the mean speed.
+    `spectrum` (k,): the noise's power per sample at `k` of the mean speed, the mean over elements;
+    `cross` (e, e, k): the cross-spectral matrix of the part that elements share, if any.
     """
 
     motion: Motion
@@ -90,6 +101,7 @@ class TimedSamples(NamedTuple):
     valid: np.ndarray
     k: np.ndarray
     spectrum: np.ndarray
+    cross: np.ndarray | None
 
 
 def recorded(sim: Simulation, key) -> TimedSamples:
@@ -103,21 +115,37 @@ def recorded(sim: Simulation, key) -> TimedSamples:
     _check_noise(sim.sensor, sim.scenario.noises, spectrum, rms)
     signal, valid = recorder.convert(noisy), recorder.valid(noisy)
     spectrum = spectrum + recorder.variance
-    return TimedSamples(
-        motion, *(np.asarray(each) for each in (signal, valid, samples.k, spectrum))
-    )
+    cross = _cross_spectrum(sim.scenario.noises, samples, sim.scan, rms, len(signal))
+    kept = None if cross is None else np.asarray(cross)
+    signal, valid, k, power = map(np.asarray, (signal, valid, samples.k, spectrum))
+    return TimedSamples(motion, signal, valid, k, power, kept)
+
+
+def _cross_spectrum(noises, line, scan, rms, elements: int) -> Float[Array, "e e k"] | None:
+    """The cross-spectral matrix of the noise that elements share; None where there is none."""
+    others = split_gaussian(noises)[1]
+    return cross_spectrum(others, line, scan, rms, elements) if others and elements > 1 else None
 
 
 def _problem(
-    sim: Simulation, sensor: Sensor, data, spectrum, observed, mean_p_Pa, friction
+    sim: Simulation, sensor: Sensor, data, power, observed, mean_p_Pa, friction
 ) -> LineProblem:
+    """The problem, its noise's `power` the mean spectrum and the cross-spectral matrix, if any."""
+    (spectrum, cross), shared, warnings = power, None, ()
+    if cross is not None:
+        of_elements = jnp.einsum("eek->ek", cross)
+        own = jnp.maximum(spectrum - jnp.mean(of_elements, axis=0), 0.0)
+        shared, warnings = shared_noise(cross, own)
+        spectrum = own[None] + of_elements
     free_offset = sensor.amplifier.offset is None
     return LineProblem.of_sensor(
         sim.line,
         sensor,
         sim.scan,
         data if observed is None else jnp.where(observed, data, 0.0),
-        spectrum.at[0].set(jnp.inf) if free_offset else spectrum,
+        spectrum.at[..., 0].set(jnp.inf) if free_offset else spectrum,
+        shared_noise=shared,
+        warnings=warnings,
         observed=observed,
         known_mean_Pa=(mean_p_Pa, None),
         friction=friction,

@@ -11,7 +11,7 @@ from scipy import stats
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.filter import Butterworth, FirstOrder
-from srsinv.forward.noise import Johnson, Sliding, White, draw, with_noise
+from srsinv.forward.noise import Johnson, Sliding, White, cross_spectrum, draw, with_noise
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -210,6 +210,18 @@ def test_rate_signal_is_the_difference_of_the_same_charge():
     charge = drawn(snap_back(amplifier="slow"), SCAN) / 3e9
     expected = OHM * (charge - np.roll(charge, 1, axis=-1)) / DT
     np.testing.assert_allclose(rate, expected, rtol=0, atol=1e-13 * np.abs(rate).max())
+
+
+def test_elements_share_events_in_the_measure_of_their_cross_spectrum():
+    """Over the wavenumbers it is the mean product of two elements' draws."""
+    matrix = np.asarray(cross_spectrum((snap_back(),), LINE, SCAN, RMS, elements=2))
+    signals = drawn(snap_back(), SCAN)
+    each = np.einsum("den,dfn->def", signals, signals)
+    expected = np.fft.irfft(matrix, LINE.n)[..., 0] * LINE.n
+    off = (each.mean(0) - expected) / (each.std(0) / np.sqrt(len(each)))
+    assert np.abs(off).max() < 3.5
+    mean = np.einsum("eek->k", matrix) / 2
+    np.testing.assert_allclose(spectrum_of(snap_back(), LINE, SCAN), mean, rtol=1e-12)
 
 
 def test_events_are_felt_by_every_element_in_its_measure():

@@ -27,6 +27,7 @@ from .constraint import Constraint
 from .model import CHI2, FREEDOM, chi2, with_means
 from .prior import Prior
 from .problem import LineProblem
+from .shared import decorrelated
 from .solve import DIRECT_LIMIT
 from .spectral import noise_whitener, prior_root, white_model
 from .splitting import (
@@ -73,6 +74,10 @@ def constrained(
     """
     if not constraint.is_active or not estimate.status.is_answer:
         return estimate
+    if problem.shared_noise is not None:
+        made = constrained(decorrelated(problem), prior, estimate, constraint)
+        is_same = made.fitted is estimate.fitted
+        return made if is_same else made.of_elements(problem.shared_noise.to_elements)
     refuse(
         is_traced(problem, prior),
         f"{type(constraint).__name__} cannot be computed under jit, vmap or grad: call the method "

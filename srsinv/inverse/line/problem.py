@@ -33,6 +33,7 @@ from ..noise.whitener import residual_squares
 from ..rig.error import SensorError
 from ..rig.setup import Setup
 from .model import CHI2, FREEDOM, LineModel, chi2, have_zero_mean, less_means
+from .shared import SharedNoise, usable
 
 
 def check(line, forward, data, noise, observed, friction, known_mean_Pa) -> None:
@@ -187,6 +188,8 @@ class LineProblem(LineModel):
       (see `forward.noise`); infinite at k = 0 where the signals' offsets are not known, which takes
       their means out of the data. It is kept with one row for all, or one for each.
     - `observed` (e, n): mask of valid samples; None means all.
+    - `shared_noise`: the part of the noise that elements share, as a [`SharedNoise`][] whose powers
+      in the elements `noise` is. None: elements are independent.
     - `noise_scale` (e, n): the noise's standard deviation in each cell in units of that of `noise`,
       slowly varying or not; 1 where a sample is missing. None means 1 everywhere.
     - `nuisance` (e, column, n): what else may be on each element's signal, of unknown sizes that
@@ -225,6 +228,7 @@ class LineProblem(LineModel):
     noise: Float[Array, "#e k"]
     observed: Bool[Numbers, "e n"] | None
     noise_scale: Float[Array, "e n"] | None
+    shared_noise: SharedNoise | None
     nuisance: Float[Array, "e column n"] | None
     known_mean_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
     background_Pa: tuple[Float[Array, ""] | None, Float[Array, ""] | None]
@@ -254,6 +258,7 @@ class LineProblem(LineModel):
         *,
         observed=None,
         noise_scale=None,
+        shared_noise: SharedNoise | None = None,
         nuisance=None,
         known_mean_Pa: Sequence[float | Array | None] = (None, None),
         background_Pa: Sequence[float | Array | None] = (0.0, 0.0),
@@ -287,6 +292,9 @@ class LineProblem(LineModel):
         if observed is not None:
             observed = np.asarray(observed, bool)
             observed = None if observed.all() else observed
+        others = self.noise_scale, self.nuisance
+        self.shared_noise, further = usable(shared_noise, observed, others)
+        self.warnings = (*self.warnings, *further)
         self.observed, self.sensor, self.scan = observed, sensor, scan
         self.signal_unit = "1" if sensor is None else sensor.amplifier.unit
         self.scanned = None
@@ -363,6 +371,7 @@ class LineProblem(LineModel):
             scan_start_m=float(np.asarray(self.line.x)[cells[0]]),
             observed=self.observed,
             noise_scale=self.noise_scale,
+            shared_noise=self.shared_noise,
             nuisance=self.nuisance,
             known_mean_Pa=self.known_mean_Pa,
             background_Pa=self.background_Pa,

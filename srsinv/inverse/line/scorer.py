@@ -27,6 +27,7 @@ from .near_periodic import PeriodicModel, PriorScore
 from .prior import Prior, Score
 from .problem import LineProblem
 from .search import WeightSearch, each_row, on_grids, weights_at
+from .shared import decorrelated
 from .solve import choose_path
 from .transforms import each_on_a_core
 
@@ -203,6 +204,7 @@ class LineScorer(Scorer):
     samples: Any
 
     def __init__(self, family: Family, problem: LineProblem, path: str):
+        problem = decorrelated(problem)
         path = choose_path(problem, path)
         refuse(
             path == "iterative" and problem.observed is not None and is_traced(family, problem),

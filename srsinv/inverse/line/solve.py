@@ -27,6 +27,7 @@ from .prior import Prior, Solution
 from .problem import LineProblem
 from .pure import TRUSTED, pure_estimate
 from .rig_bands import rig_errors, with_rig_errors
+from .shared import decorrelated
 
 DIRECT_LIMIT, AUTO_LIMIT = 4096, 1024  # unknowns: more are refused, and not chosen
 RAISED = (0.0, 1.0, 2.0, 3.0, 4.0, 6.0, 8.0)  # decades, by which chosen weights are raised
@@ -48,6 +49,10 @@ def solve(
     and `warnings` are what the estimate has besides. Raises `BadInput` for a path that is unknown
     or does not serve this problem.
     """
+    if problem.shared_noise is not None:
+        how = prior, path, tolerance
+        made = solve(decorrelated(problem), *how, stats=stats, warnings=warnings)
+        return made.of_elements(problem.shared_noise.to_elements)
     given, problem = problem.warnings, problem.without_warnings()
     path = choose_path(problem, path)
     if is_traced(problem, prior):
