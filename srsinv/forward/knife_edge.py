@@ -75,11 +75,7 @@ class KnifeEdge(eqx.Module):
         The edge does not adhere: a negative load is none. Raises `BadInput` for a contact wider
         than 20 depths of the film to either side.
         """
-        load = np.maximum(np.asarray(load_N_per_m, float), 0)
-        half = self.half_width_m(sensor.skin, load)
-        angle = np.pi * np.arange(1, (n := _nodes(sensor, half)) + 1) / (n + 1)
-        weights = 2 / (n + 1) * np.sin(angle) ** 2
-        return load * self._averaged(sensor, place_m, half, np.cos(angle), weights)
+        return self._along(self.charge_by_component(sensor, place_m, load_N_per_m))
 
     def charge_of_load(self, sensor: Sensor, place_m: Any, most_N_per_m: float) -> ChargeOfLoad:
         """The charge [C] (e, place, *load) as a function of loads (*load,) from 0 to `most_N_per_m`
@@ -88,21 +84,20 @@ class KnifeEdge(eqx.Module):
         Charge over load is analytic in the load but where a is i times a depth. Raises `BadInput`
         as `charge` does.
         """
-        widest = float(self.half_width_m(sensor.skin, most_N_per_m)) / float(sensor.depth_m)
-        end = 1 + 2 / max(widest, _NARROW_DEPTHS) ** 2
-        ellipse = end + np.sqrt(end**2 - 1)
-        count = int(np.log(1 / np.finfo(float).eps) / np.log(ellipse)) + 3
-        at = np.cos(np.pi * (np.arange(count) + 0.5) / count)
-        load = most_N_per_m * (1 + at) / 2
-        ratio = self.charge(sensor, place_m, load) / load
-        values = np.linalg.solve(chebvander(at, count - 1), ratio.reshape(-1, count).T)
+        return load_polynomial(
+            lambda load: self.charge(sensor, place_m, load), self, sensor, most_N_per_m
+        )
 
-        def charge(wanted: np.ndarray) -> np.ndarray:
-            inside = np.clip(wanted, 0, most_N_per_m)
-            per_load = chebval(2 * inside / most_N_per_m - 1, values)
-            return (inside * per_load).reshape(*ratio.shape[:-1], *inside.shape)
-
-        return charge
+    def charge_by_component(
+        self, sensor: Sensor, place_m: Any, load_N_per_m: Any
+    ) -> Float[np.ndarray, "e c place load"]:
+        """Charge [C] by p and by q of every element under the pressure of each normal load [N/m],
+        and under a shear of the same distribution and size; as `charge` otherwise."""
+        load = np.maximum(np.asarray(load_N_per_m, float), 0)
+        half = self.half_width_m(sensor.skin, load)
+        angle = np.pi * np.arange(1, (n := _nodes(sensor, half)) + 1) / (n + 1)
+        weights = 2 / (n + 1) * np.sin(angle) ** 2
+        return load * _average(sensor, place_m, half, np.cos(angle), weights)
 
     def charge_per_load(
         self, sensor: Sensor, place_m: Any, preload_N_per_m: Any
@@ -116,17 +111,12 @@ class KnifeEdge(eqx.Module):
         half = self.half_width_m(sensor.skin, load)
         n = _nodes(sensor, half)
         at = np.cos(np.pi * (np.arange(n) + 0.5) / n)
-        return self._averaged(sensor, place_m, half, at, np.full(n, 1 / n))[..., 0]
+        return self._along(_average(sensor, place_m, half, at, np.full(n, 1 / n)))[..., 0]
 
-    def _averaged(self, sensor: Sensor, place_m, half_m, nodes, weights) -> np.ndarray:
-        """The charge per load (e, place, load), K averaged over nodes times the half-widths."""
-        angle, place = float(self.direction_rad), np.atleast_1d(np.asarray(place_m, float))
-        if not np.any(half_m):  # all nodes are one
-            nodes, weights = np.zeros(1), np.ones(1)
-        x = half_m[None, :, None] * nodes[None, None] - place[:, None, None]
-        p, q = np.moveaxis(line_response(sensor, x.ravel()), 1, 0)
-        along = np.cos(angle) * p + np.sin(angle) * q
-        return along.reshape(len(sensor.elements), *x.shape) @ weights
+    def _along(self, values: Float[np.ndarray, "e c place load"]) -> np.ndarray:
+        """Components of p and q combined in the load's direction."""
+        angle = float(self.direction_rad)
+        return np.cos(angle) * values[:, 0] + np.sin(angle) * values[:, 1]
 
 
 class VibratingEdge(eqx.Module):
@@ -164,6 +154,42 @@ class VibratingEdge(eqx.Module):
         load = self.preload_N_per_m + self.amplitude_N_per_m * np.sin(turn)
         most = self.preload_N_per_m + self.amplitude_N_per_m
         return self.edge.charge_of_load(sensor, place_m, most)(load)
+
+
+def load_polynomial(
+    charge: ChargeOfLoad, edge: KnifeEdge, sensor: Sensor, most_N_per_m: float
+) -> ChargeOfLoad:
+    """The `charge` (*row, load) under an edge as a function (*row, *load) of loads from 0 to
+    `most_N_per_m` [N/m]: its ratio to the load is a polynomial, to rounding.
+
+    This ratio is analytic in the load but where the half-width of contact is i times a depth.
+    """
+    widest = float(edge.half_width_m(sensor.skin, most_N_per_m)) / float(sensor.depth_m)
+    end = 1 + 2 / max(widest, _NARROW_DEPTHS) ** 2
+    ellipse = end + np.sqrt(end**2 - 1)
+    count = int(np.log(1 / np.finfo(float).eps) / np.log(ellipse)) + 3
+    at = np.cos(np.pi * (np.arange(count) + 0.5) / count)
+    load = most_N_per_m * (1 + at) / 2
+    ratio = charge(load) / load
+    values = np.linalg.solve(chebvander(at, count - 1), ratio.reshape(-1, count).T)
+
+    def polynomial(wanted: np.ndarray) -> np.ndarray:
+        inside = np.clip(wanted, 0, most_N_per_m)
+        per_load = chebval(2 * inside / most_N_per_m - 1, values)
+        return (inside * per_load).reshape(*ratio.shape[:-1], *inside.shape)
+
+    return polynomial
+
+
+def _average(sensor: Sensor, place_m, half_m, nodes, weights) -> np.ndarray:
+    """The charge per load by p and by q (e, c, place, load), K averaged over nodes times the
+    half-widths."""
+    place = np.atleast_1d(np.asarray(place_m, float))
+    if not np.any(half_m):  # all nodes are one
+        nodes, weights = np.zeros(1), np.ones(1)
+    x = half_m[None, :, None] * nodes[None, None] - place[:, None, None]
+    response = line_response(sensor, x.ravel())
+    return response.reshape(*response.shape[:2], *x.shape) @ weights
 
 
 def line_response(sensor: Sensor, x_m: Any) -> Float[np.ndarray, "e c x"]:
