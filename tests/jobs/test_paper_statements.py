@@ -1,0 +1,49 @@
+"""The experiments on what the paper says beside its figures: their numbers, pages and refusals."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from srsinv.errors import BadInput
+from tests.golden.check import golden_test
+from tests.jobs.run import check_page, short_outcome, short_run
+from tests.tiers import quick
+
+FORMS = ("amplifier_drift",)
+
+test_nothing_has_moved = golden_test(FORMS)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", FORMS)
+def test_page_is_whole(name):
+    check_page(short_run(name))
+
+
+@pytest.mark.full
+def test_a_current_amplifier_shows_the_rate_of_warming():
+    metrics: dict[str, Any] = dict(short_run("amplifier_drift").metrics)
+    rate = 6**1.5 / (2 * np.sqrt(np.pi)) * np.exp(-1.5) * 1e-7 / 0.75e-3**2
+    expected = 1e6 * 3e-5 * (2 * 0.5e-3 * 8e-3) * rate
+    assert metrics["peak_warming_current_V"] == pytest.approx(expected, rel=1e-3)
+    assert metrics["peak_bias_current_V"] == pytest.approx(1e-6, rel=1e-9)
+    assert metrics["saturation_current_s"] is None
+    # Bias and the whole pyroelectric charge on the capacitance reach the full scale.
+    at, charge = metrics["saturation_charge_s"], 10.0 * 1e-10
+    warm = 3e-5 * 8e-6 * (1 - 0.75e-3 / np.sqrt(np.pi * 1e-7 * at))
+    assert 1e-12 * at == pytest.approx(charge - warm, rel=2e-2)
+
+
+REFUSED = [
+    ("amplifier_drift", "sensor=two_element", "has 2 elements"),
+    ("amplifier_drift", "amplifier_drift.circuits.charge.capacitance_F=0", "charge.capacitance_F"),
+    ("amplifier_drift", "amplifier_drift.circuits=null", "circuits is"),
+    ("amplifier_drift", "amplifier_drift.duration_s=-1", "duration_s is"),
+]
+
+
+@pytest.mark.parametrize(("name", "override", "words"), quick(REFUSED, REFUSED[0]))
+def test_refused(name, override, words):
+    with pytest.raises(BadInput, match=words):
+        short_outcome(name, *override.split())
