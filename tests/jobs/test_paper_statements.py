@@ -10,7 +10,7 @@ from tests.golden.check import golden_test
 from tests.jobs.run import check_page, short_outcome, short_run
 from tests.tiers import quick
 
-FORMS = ("amplifier_drift",)
+FORMS = ("amplifier_drift", "element_array")
 
 test_nothing_has_moved = golden_test(FORMS)
 
@@ -35,11 +35,25 @@ def test_a_current_amplifier_shows_the_rate_of_warming():
     assert 1e-12 * at == pytest.approx(charge - warm, rel=2e-2)
 
 
+@pytest.mark.full
+def test_samples_of_an_array_show_the_grating_at_the_pitch_stated():
+    data = short_run("element_array").dataset
+    for pitch, shown in zip(data["pitch"].values, data["apparent_grating"].values, strict=True):
+        samples = np.cos(2 * np.pi * np.arange(3000) * pitch / 1.5e-3)
+        per_m = np.fft.rfftfreq(samples.size, pitch)[np.abs(np.fft.rfft(samples)).argmax()]
+        assert per_m == pytest.approx(1 / shown, abs=1e-9)
+    assert np.all(np.diff(data["aliased_share"].values, axis=0) >= 0)
+    assert data["aliased_share_scan"] == 0
+
+
 REFUSED = [
     ("amplifier_drift", "sensor=two_element", "has 2 elements"),
     ("amplifier_drift", "amplifier_drift.circuits.charge.capacitance_F=0", "charge.capacitance_F"),
     ("amplifier_drift", "amplifier_drift.circuits=null", "circuits is"),
     ("amplifier_drift", "amplifier_drift.duration_s=-1", "duration_s is"),
+    ("element_array", "grid.line=open", "grid.line=periodic"),
+    ("element_array", "element_array.share=1", "share is 1"),
+    ("element_array", "element_array.pitches_m=[0]", "pitches_m"),
 ]
 
 
