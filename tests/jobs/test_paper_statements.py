@@ -10,7 +10,7 @@ from tests.golden.check import golden_test
 from tests.jobs.run import check_page, short_outcome, short_run
 from tests.tiers import quick
 
-FORMS = ("amplifier_drift", "element_array")
+FORMS = ("amplifier_drift", "element_array", "scan_speed")
 
 test_nothing_has_moved = golden_test(FORMS)
 
@@ -46,11 +46,43 @@ def test_samples_of_an_array_show_the_grating_at_the_pitch_stated():
     assert data["aliased_share_scan"] == 0
 
 
+@pytest.mark.full
+def test_best_speed_is_where_noise_that_grows_meets_that_of_the_resistor():
+    """On rubber that hardly relaxes the signal goes with u; of u^2/(a u + b u^3) the best is at
+    sqrt(a/b)."""
+    own = "effects.viscoelastic_skin.fractions=[1e-6,1e-6]", "scan_speed.points=33"
+    result = short_outcome("scan_speed", *own, "scan_speed.sliding_fraction=0.03")
+    data, metrics = result.dataset, dict(result.metrics)
+    assert metrics["signal_exponent"] == pytest.approx(1, abs=1e-4)
+    johnson = 4 * 1.380649e-23 * 300 * 1e6 / 5e-4
+    sliding = data["sliding_rms"].sel(noise="bursts_that_grow_too").values ** 2
+    best = np.sqrt(johnson / np.mean(sliding / data["speed"].values ** 3))
+    assert 0.012 < best < 0.08
+    found = metrics["best_speed_bursts_that_grow_too_m_per_s"]
+    assert found == pytest.approx(best, rel=0.04)  # half a step of the speeds
+    assert metrics["best_speed_fraction_of_signal_m_per_s"] == pytest.approx(0.1)
+
+
+@pytest.mark.full
+def test_lag_is_the_angle_of_the_complex_modulus():
+    data = short_run("scan_speed").dataset
+    omega = 2 * np.pi * data["speed"].values[:, None] / data["wavelength"].values
+    turn = 1j * omega[..., None] * np.array([1e-3, 1e-2])
+    angle = np.angle(1 + 0.5 * np.sum(turn / (1 + turn), axis=-1))
+    np.testing.assert_allclose(data["lag_angle"], np.rad2deg(angle), rtol=1e-9)
+    length = angle / (2 * np.pi) * data["wavelength"].values
+    np.testing.assert_allclose(data["lag"], length, rtol=1e-9)
+
+
 REFUSED = [
     ("amplifier_drift", "sensor=two_element", "has 2 elements"),
     ("amplifier_drift", "amplifier_drift.circuits.charge.capacitance_F=0", "charge.capacitance_F"),
     ("amplifier_drift", "amplifier_drift.circuits=null", "circuits is"),
     ("amplifier_drift", "amplifier_drift.duration_s=-1", "duration_s is"),
+    ("scan_speed", "effects=[strip_width]", "skin is elastic"),
+    ("scan_speed", "amplifier=charge_dc", "amplifier=current"),
+    ("scan_speed", "scan_speed.noise_growth=null", "noise_growth is"),
+    ("scan_speed", "scan_speed.temperature_K=0", "temperature_K is"),
     ("element_array", "grid.line=open", "grid.line=periodic"),
     ("element_array", "element_array.share=1", "share is 1"),
     ("element_array", "element_array.pitches_m=[0]", "pitches_m"),
