@@ -4,6 +4,7 @@ from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
+import scipy
 import xarray
 from jaxtyping import Float
 from matplotlib.figure import Figure
@@ -62,6 +63,9 @@ def run(cfg: config.Config) -> Result:
             "peak_charge": (along[:2], peak, "C", "peak_charge_{load}_at_{element}_deg_C"),
             "sigma_z_from_p": ("x", stress[0, 1], "Pa"),
             **scalars({"fwhm_sigma_z_over_depth": width_of_stress}),
+            "similarity_of_charge": (along[:1], similarity(charge), "1",
+                                     "similarity_of_charge_{load}"),
+            "similarity": (along[:1], similarity(voltage), "1", "similarity_of_signal_{load}"),
             **separation,
         },
         {"load": (list(LOADS), "1"), "element": (angles, "deg"), "x": (x, "m"),
@@ -112,6 +116,15 @@ def stress_gains(sensor: Sensor, poisson_ratio: float) -> Float[np.ndarray, "2"]
     per_stress = np.stack([film.charge_per_stress() for film in films]) / float(area)
     in_plane = per_stress[:, :2] + poisson_ratio * per_stress[:, 3:]
     return np.linalg.svd(in_plane, compute_uv=False)
+
+
+def similarity(responses: Float[np.ndarray, "load 2 x"]) -> Float[np.ndarray, " load"]:
+    """Normalised cross-correlation of the pair's responses at the shift where it is largest in
+    size: 1 or -1 where one is a multiple of the other, shifted along x."""
+    sizes = np.linalg.norm(responses, axis=-1).prod(axis=-1)
+    shifted = np.stack([scipy.signal.correlate(*pair) for pair in responses])
+    at = np.abs(shifted).argmax(axis=-1)[:, None]
+    return np.take_along_axis(shifted, at, -1)[:, 0] / sizes
 
 
 def condition(sensor: Sensor, k: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
