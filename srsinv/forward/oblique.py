@@ -28,6 +28,7 @@ Scan = TypeVar("Scan", ConstantSpeed, Motion)
 
 # Enough for a strip of 15 depths: Gauss's rule converges as in `StripAverage.at_depth`.
 LENGTH_NODES = 128
+MOST_BESIDE_ZONE = math.pi / 3 + 1e-6  # beyond, a contact zone is over twice as long along xi
 QUARTER_RAD = math.pi / 2 + 1e-6  # a quarter turn, as single precision too rounds it
 
 
@@ -122,8 +123,9 @@ class TurnedSkin(Skin):
 
 class StripLength(LineEffect):
     """The strip's charge is the mean over its length, which reaches over l sin(phi) along xi:
-    sin(a)/a with a = k l sin(phi)/2."""
+    sin(a)/a with a = k l sin(phi)/2. Each part of it has the contact zone about itself."""
 
+    acts_on_signal = True
     reach_m: Float[Array, ""]
     nodes: int = eqx.field(static=True)
 
@@ -144,10 +146,15 @@ class StripLength(LineEffect):
 def turned(sensor: Sensor, angle_rad) -> Sensor:
     """The sensor over features whose normal makes the angle phi with its x axis, its line along xi.
 
-    Lengths along x shrink to their cos(phi), and every strip gets its [`StripLength`][]. Raises
-    `BadInput` for an angle beyond a quarter turn, a skin that is no half space, and an effect along
-    the line that is not known to turn.
+    Lengths along x shrink to their cos(phi), and every strip gets its [`StripLength`][]. What the
+    finger touches of a feature's line is symmetric about the film, so that along xi an envelope is
+    1/cos(phi) times as long, to second order in the depth times tan(phi) over its length. Raises
+    `BadInput` for an angle beyond a quarter turn, with envelopes beyond 60 degrees, a skin that is
+    no half space, and an effect along the line that is not known to turn.
     """
+    if sensor.envelopes:
+        wanted = "an angle of at most pi/3, or a sensor without finite_patch and fingerprint"
+        number("angle_rad", angle_rad, wanted, least=-MOST_BESIDE_ZONE, most=MOST_BESIDE_ZONE)
     return _turned(sensor, _within_quarter(angle_rad))
 
 
@@ -158,8 +165,9 @@ def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
             StripLength(film.length_m * jnp.sin(angle_rad))
         )
 
-    parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements)
-    return eqx.tree_at(lambda s: (s.skin, s.elements), sensor, parts)
+    longer = tuple(each.scaled(1 / cosine(angle_rad)) for each in sensor.envelopes)
+    parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements), longer
+    return eqx.tree_at(lambda s: (s.skin, s.elements, s.envelopes), sensor, parts)
 
 
 def turned_film(film: Film, angle_rad: Float[Array, ""]) -> Film:
