@@ -11,6 +11,7 @@ from .targets import KINDS, base_of
 if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table
     from .effects import Effect as Effect
     from .forward.amplifier import Amplifier as Amplifier
+    from .forward.envelope import Envelope as Envelope
     from .forward.feature import Feature as Feature
     from .forward.film import LineEffect as LineEffect
     from .forward.filter import Filter as Filter

@@ -187,7 +187,7 @@ def effects_at_rest(named: Node) -> dict[str, Effect]:
     made = effects(named)
     for name, effect in made.items():
         refuse(
-            effect.order in (Order.DIRECTION, Order.MOTION, Order.LOAD),
+            effect.order in (Order.DIRECTION, Order.CONTACT, Order.MOTION, Order.LOAD),
             f"effects names {name}, which acts on sliding, but this job's sensor is at "
             "rest: leave it out.",
         )

@@ -24,6 +24,7 @@ KINDS: Mapping[str, Sequence[str]] = {
     "amplifier": ("srsinv.forward.amplifier.Amplifier",),
     "constraint": ("srsinv.inverse.line.constraint.Constraint",),
     "effects": ("srsinv.effects.Effect",),
+    "envelope": ("srsinv.forward.envelope.Envelope",),
     "feature": (
         "srsinv.forward.feature.Feature",
         "srsinv.forward.surface_feature.SurfaceFeature",
@@ -55,6 +56,7 @@ KINDS: Mapping[str, Sequence[str]] = {
 # The kind of what stands under a key of another part, alone or in a list or mapping of several.
 PARTS: Mapping[str, str] = {
     "constraint": "constraint",
+    "envelope": "envelope",
     "filter": "filter",
     "frictions": "friction",
     "line_effect": "film",

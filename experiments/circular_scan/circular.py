@@ -115,6 +115,11 @@ class Circling(eqx.Module):
             f"The sensor has {len(sensor.filters)} filters, which cannot be simulated on "
             "a circle: leave them out of effects.",
         )
+        refuse(
+            bool(sensor.envelopes),
+            "The finger touches everywhere on a circle: leave finite_patch and fingerprint out of "
+            "effects.",
+        )
         for film in sensor.elements:
             if any(effect.averages_samples for effect in film.effects):
                 raise BadInput(

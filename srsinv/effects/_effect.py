@@ -21,12 +21,13 @@ class Order(IntEnum):
 
     FILM = 0
     SKIN = 1
-    DIRECTION = 2
-    SLIDING = 3
-    ELECTRONICS = 4
-    MOTION = 5
-    LOAD = 6
-    RECORD = 7
+    CONTACT = 2
+    DIRECTION = 3
+    SLIDING = 4
+    ELECTRONICS = 5
+    MOTION = 6
+    LOAD = 7
+    RECORD = 8
 
 
 class Effect(eqx.Module):

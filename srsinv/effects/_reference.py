@@ -6,8 +6,10 @@ surface's height, which a simulation needs too, little is compiled.
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import jax
 import numpy as np
@@ -49,6 +51,7 @@ class ReferenceSpectra:
       samples, and of the mean square, 1 at constant speed.
     - `simulated` (e, k), `simulated_stress` (e, 4, k): spectra of the signal and of the stress at
       the films with the effects that stay on, where they were simulated.
+    - `named`: all effects that are screened, in the order in which they are added.
     """
 
     scenario: Scenario
@@ -68,6 +71,7 @@ class ReferenceSpectra:
     signal_rms: float = 0.0
     noise_peak: float = 0.0
     max_gain_of_others: float = 1.0
+    named: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     def __post_init__(self):
         if not self.signal_rms:

@@ -58,7 +58,7 @@ def screen(
     `LARGEST_UNSIMULATED_CHANGE`, `simulate` gives it with the named ones, (e, n) along the line,
     and the stress at the films (e, 4, n), and the rest is screened again beside it.
     """
-    spectra = _sampled(reference(scenario, line), effects)
+    spectra = _sampled(reference(scenario, line).replace(named=effects), effects)
     weighed = _weighed(spectra, effects, set(effects), set(effects))
     bounds, times_s = weighed.bounds, weighed.times_s
     off, bound = _left_out(bounds, effects, weighed.spectra, tolerance)

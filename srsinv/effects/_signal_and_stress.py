@@ -25,7 +25,7 @@ def signal_and_stress(
     fine one."""
     sensor, line = sim.sensor, sim.fine
     output = sensor.output(sim.scan)
-    if not isinstance(line, Periodic):
+    if sensor.envelopes or not isinstance(line, Periodic):
         both = np.asarray(sim.response(_SignalAndStress(output, sensor.stress())))
         count = len(sensor.elements)
         return both[:count], both[count:].reshape(count, len(STRESSES), -1)

@@ -51,10 +51,13 @@ class LineEffect(eqx.Module):
     as a change of the kernel over x.
 
     `transfer` and `spread` are to be defined. `averages_samples`: whether it is a mean over
-    samples, which lie along a line at constant speed.
+    samples, which lie along a line at constant speed. `acts_on_signal`: whether it acts on the
+    signal, along the motion, so that it comes after a finite contact zone; else it acts within the
+    finger.
     """
 
     averages_samples: ClassVar[bool] = False
+    acts_on_signal: ClassVar[bool] = False
 
     @abc.abstractmethod
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, " k"] | Float[Array, " k"]:
@@ -181,6 +184,7 @@ class SampleAverage(LineEffect):
     """Each sample is the mean of `count` neighbours `spacing_m` apart, about their middle."""
 
     averages_samples = True
+    acts_on_signal = True
     spacing_m: Float[Array, ""]
     count: int = eqx.field(static=True)
 
@@ -297,6 +301,16 @@ class Film(eqx.Module):
     def at_origin(self) -> "Film":
         """The same film without its offset in the model."""
         return dataclasses.replace(self, is_at_origin=True)
+
+    @property
+    def signal_effects(self) -> tuple[LineEffect, ...]:
+        """Its effects that act on the signal, along the motion."""
+        return tuple(each for each in self.effects if each.acts_on_signal)
+
+    def in_finger(self) -> "Film":
+        """The same film without the effects that act on the signal."""
+        within = tuple(each for each in self.effects if not each.acts_on_signal)
+        return dataclasses.replace(self, effects=within)
 
     def with_strip_average(self) -> "Film":
         """The same film, whose charge is the mean over its width."""

@@ -154,6 +154,7 @@ class Lag(LineEffect):
     the kernel is NaN. Raises `BadInput` for more than 65536 nodes.
     """
 
+    acts_on_signal = True
     filter: Filter
     speed_m_per_s: Float[Array, ""]
     depth_m: Float[Array, ""]

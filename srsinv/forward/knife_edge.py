@@ -194,10 +194,11 @@ def _average(sensor: Sensor, place_m, half_m, nodes, weights) -> np.ndarray:
 
 def line_response(sensor: Sensor, x_m: Any) -> Float[np.ndarray, "e c x"]:
     """K_p and K_q: the charge [C m/N] of every element, x [m] beyond a line load of 1 N/m, by p and
-    by q. Filters do not act on it."""
+    by q. Filters do not act on it, nor do envelopes, as the load is known."""
     # A cell so narrow that its own average is off by as little as rounding is.
     cell = sensor.depth_m * np.cbrt(np.finfo(sensor.depth_m.dtype).eps)
-    return np.asarray(_per_load(sensor.charge(), as_real(np.asarray(x_m)), cell))
+    charge = sensor.touching_everywhere().charge()
+    return np.asarray(_per_load(charge, as_real(np.asarray(x_m)), cell))
 
 
 @compiled

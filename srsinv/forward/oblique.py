@@ -26,16 +26,22 @@ from .turned_skin import StripLength, TurnedSkin, cosine
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
 
 QUARTER_RAD = math.pi / 2 + 1e-6  # a quarter turn, as single precision too rounds it
+MOST_BESIDE_ZONE = math.pi / 3 + 1e-6  # beyond, a contact zone is over twice as long along xi
 
 
 def turned(sensor: Sensor, angle_rad) -> Sensor:
     """The sensor over features whose normal makes the angle phi with its x axis, its line along xi.
 
     Lengths along x shrink to their cos(phi), and every strip gets its [`StripLength`][]. Those of a
-    strip that is turned itself follow its own angle. Raises `BadInput` for an angle beyond a
-    quarter turn, a skin that is no half space, and an effect along the line that is not known to
-    turn.
+    strip that is turned itself follow its own angle. What the finger touches of a feature's line is
+    symmetric about the film, so that along xi an envelope is 1/cos(phi) times as long, to second
+    order in the depth times tan(phi) over its length. Raises `BadInput` for an angle beyond a
+    quarter turn, with envelopes beyond 60 degrees, a skin that is no half space, and an effect
+    along the line that is not known to turn.
     """
+    if sensor.envelopes:
+        wanted = "an angle of at most pi/3, or a sensor without finite_patch and fingerprint"
+        number("angle_rad", angle_rad, wanted, least=-MOST_BESIDE_ZONE, most=MOST_BESIDE_ZONE)
     return _turned(sensor, _within_quarter(angle_rad))
 
 
@@ -47,8 +53,9 @@ def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
             return along
         return along.with_effect(StripLength(film.length_m * jnp.sin(angle_rad)))
 
-    parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements)
-    return eqx.tree_at(lambda s: (s.skin, s.elements), sensor, parts)
+    longer = tuple(each.scaled(1 / cosine(angle_rad)) for each in sensor.envelopes)
+    parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements), longer
+    return eqx.tree_at(lambda s: (s.skin, s.elements, s.envelopes), sensor, parts)
 
 
 def turned_film(film: Film, angle_rad: Float[Array, ""]) -> Film:

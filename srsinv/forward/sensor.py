@@ -1,6 +1,7 @@
 """The sensor: skin, film elements and amplifier composed into stages on a line."""
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 
 import equinox as eqx
@@ -13,6 +14,7 @@ from ..errors import all_of_kind, of_kind, refuse
 from ..grid import Convolution, Line, Scalar, Stage, as_real
 from ._checks import check_amplifier, check_poles, stress_in
 from .amplifier import Amplifier, CurrentAmplifier
+from .envelope import Envelope, Kernel, envelopes_of, line_load, over_cell, windowed
 from .film import ORIENTATIONS_RAD, Film
 from .filter import Filter, even_interval
 from .operator import MotionOperator, PositionInterpolation
@@ -22,38 +24,35 @@ from .turned_skin import along_x
 
 
 class FilmSignal(Stage):
-    """gain * d^order/dx^order of every element's charge, from traction (p, q)."""
+    """gain * d^order/dx^order of every element's charge, from traction (p, q).
+
+    `envelopes`: through which the finger presses the traction; none where it touches everywhere.
+    """
 
     skin: Skin
     elements: tuple[Film, ...]
     gain: Float[Array, ""]
     order: int = eqx.field(static=True)
+    envelopes: tuple[Envelope, ...] = ()
 
     @property
     def has_dc_gain(self) -> bool:
         return self.order == 0
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
-        charge = [
-            film.charge_transfer(stress_in(skin, k, film.depth_m), k) for film, skin in self._pairs
-        ]
+        charge = [self._charge(*pair, k) for pair in self._pairs]
         derivative = 1j * k[None, None] if self.order else 1.0
         return self.gain * derivative * jnp.stack(charge)
 
     def cell_response(
         self, x: Float[Array, " x"], cell_m: Float[Array, ""]
     ) -> Float[Array, "e c x"]:
-        def one(film: Film, skin: Skin):
-            respond = skin.strip_slope if self.order else skin.strip_response
-
-            def stress(x):
-                return respond(x, film.depth_m, cell_m)
-
-            return film.charge_response(stress, x, cell_m, self.order)
-
-        return self.gain * jnp.stack([one(*pair) for pair in self._pairs])
+        one = self._windowed_response if self.envelopes else self._response
+        return self.gain * jnp.stack([one(*pair, x, cell_m) for pair in self._pairs])
 
     def series_radius_m(self, cell_m: Float[Array, ""]) -> Scalar:
+        if self.envelopes:
+            return np.inf
         radii = [
             film.series_radius_m(skin.series_radius_m(film.depth_m, cell_m))
             for film, skin in self._pairs
@@ -65,20 +64,80 @@ class FilmSignal(Stage):
         """Each film with the skin in the axes of its strip."""
         return [along_x(film, self.skin) for film in self.elements]
 
+    def _charge(self, film: Film, skin: Skin, k: Float[Array, " k"]) -> Complex[Array, "c k"]:
+        def charge(film: Film, k):
+            return film.charge_transfer(stress_in(skin, k, film.depth_m), k)
+
+        if not self.envelopes:
+            return charge(film, k)
+        within = film.in_finger()
+        transfer, _ = windowed(self.envelopes, lambda k: charge(within, k), _kernel(within, skin))
+        factors = [effect.transfer(k)[None] for effect in film.signal_effects]
+        return math.prod(factors, start=transfer(k))
+
+    def _response(self, film: Film, skin: Skin, x, cell_m) -> Float[Array, "c x"]:
+        respond = skin.strip_slope if self.order else skin.strip_response
+        return film.charge_response(
+            lambda x: respond(x, film.depth_m, cell_m), x, cell_m, self.order
+        )
+
+    def _windowed_response(self, film: Film, skin: Skin, x, cell_m) -> Float[Array, "c x"]:
+        """The charge under a cell, or its slope: the difference of the kernel at the cell's ends,
+        as the kernel's integral over the cell moves with the film."""
+        _, kernel = windowed(self.envelopes, lambda k: k, _kernel(film.in_finger(), skin))
+
+        def ends(x):
+            return kernel(x + cell_m / 2) - kernel(x - cell_m / 2)
+
+        response = ends if self.order else over_cell(self.envelopes, kernel, cell_m)
+        for effect in film.signal_effects:
+            response = effect.spread(response)
+        return response(x)
+
+
+def _kernel(film: Film, skin: Skin) -> Kernel:
+    """The film's charge by its distance from a line load."""
+
+    def charge(x, width_m):
+        def stress(x):
+            return skin.strip_response(x, film.depth_m, width_m)
+
+        return film.charge_response(stress, x, width_m, 0)
+
+    return line_load(charge, film.depth_m)
+
 
 class FilmStress(Stage):
     """sigma_x, sigma_z, tau_xz, sigma_y [Pa] at every element's depth: rows element by element."""
 
     skin: Skin
     elements: tuple[Film, ...]
+    envelopes: tuple[Envelope, ...] = ()
 
     def transfer(self, k: Float[Array, " k"]) -> Complex[Array, "e c k"]:
-        return self._rows(lambda film: self.skin.transfer(k, film.depth_m))
+        def stress(film: Film):
+            transfer, _ = windowed(
+                self.envelopes, lambda k: self.skin.transfer(k, film.depth_m), self._kernel(film)
+            )
+            return transfer(k)
+
+        return self._rows(stress)
 
     def cell_response(
         self, x: Float[Array, " x"], cell_m: Float[Array, ""]
     ) -> Float[Array, "e c x"]:
-        return self._rows(lambda film: self.skin.strip_response(x, film.depth_m, cell_m))
+        def stress(film: Film):
+            if not self.envelopes:
+                return self.skin.strip_response(x, film.depth_m, cell_m)
+            _, kernel = windowed(self.envelopes, lambda k: k, self._kernel(film))
+            return over_cell(self.envelopes, kernel, cell_m)(x)
+
+        return self._rows(stress)
+
+    def _kernel(self, film: Film) -> Kernel:
+        return line_load(
+            lambda x, width_m: self.skin.strip_response(x, film.depth_m, width_m), film.depth_m
+        )
 
     def _rows(self, stress) -> Array:
         return jnp.concatenate([stress(film) for film in self.elements])
@@ -98,6 +157,8 @@ class Sensor(eqx.Module):
     - `skin`: a `srsinv.kinds.Skin`; None: a homogeneous half space.
     - `amplifier`: a `srsinv.kinds.Amplifier`; None: a current amplifier.
     - `filters`: a list of `srsinv.kinds.Filter`s, in their order; none by default.
+    - `envelopes`: a list of `srsinv.kinds.Envelope`s, as `[HertzPatch(5e-3)]`, that the finger
+      presses through; none where it touches the whole surface.
 
     These defaults are the command's. `operator(line, scan)` and `operator_along(line, motion)` map
     traction (2, n) [Pa] on a line to signals (element, sample). Raises `BadInput` for no element,
@@ -108,6 +169,7 @@ class Sensor(eqx.Module):
     elements: tuple[Film, ...]
     amplifier: Amplifier
     filters: tuple[Filter, ...]
+    envelopes: tuple[Envelope, ...]
 
     def __init__(
         self,
@@ -115,6 +177,7 @@ class Sensor(eqx.Module):
         skin: Skin | None = None,
         amplifier: Amplifier | None = None,
         filters: Sequence[Filter] = (),
+        envelopes: Sequence[Envelope] = (),
     ):
         films = two_orientations() if elements is None else elements
         self.elements = all_of_kind("elements", films, Film, "films, as [Film()]")
@@ -129,11 +192,21 @@ class Sensor(eqx.Module):
         self.filters = all_of_kind("filters", filters, Filter, "filters, as [FirstOrder(1e-4)]")
         for each in self.filters:
             check_poles(each)
+        self.envelopes = envelopes_of(envelopes, self.depth_m) if len(envelopes) else ()
 
     def with_films(self, change: Callable[[Film], Film]) -> "Sensor":
         """The sensor with `change` applied to every film element."""
         films = tuple(change(film) for film in self.elements)
         return dataclasses.replace(self, elements=films)
+
+    def with_envelope(self, envelope: Envelope) -> "Sensor":
+        """The sensor that presses through one more envelope. Raises `BadInput` for a second contact
+        zone."""
+        return dataclasses.replace(self, envelopes=(*self.envelopes, envelope))
+
+    def touching_everywhere(self) -> "Sensor":
+        """The sensor without envelopes: under a load that is known, whatever the finger touches."""
+        return dataclasses.replace(self, envelopes=()) if self.envelopes else self
 
     def in_both_directions(self) -> "Sensor":
         """The sensor with each film once for motion to +x, then once for motion back."""
@@ -168,15 +241,19 @@ class Sensor(eqx.Module):
 
     def stress(self) -> FilmStress:
         """Stress at the film [Pa]."""
-        return FilmStress(self.skin, self.elements)
+        return FilmStress(self.skin, self.elements, self.envelopes)
+
+    def film_signal(self, gain: Float[Array, ""], order: int) -> FilmSignal:
+        """The stage of `gain` times the charge, or times its derivative along x for `order` 1."""
+        return FilmSignal(self.skin, self.elements, gain, order, self.envelopes)
 
     def charge(self) -> FilmSignal:
         """Film charge [C]."""
-        return FilmSignal(self.skin, self.elements, as_real(1.0), 0)
+        return self.film_signal(as_real(1.0), 0)
 
     def current(self, scan: ConstantSpeed) -> FilmSignal:
         """Film current i = u dQ/dx [A]: the paper's (3)."""
-        return FilmSignal(self.skin, self.elements, scan.speed_m_per_s, 1)
+        return self.film_signal(scan.speed_m_per_s, 1)
 
     def output(self, scan: ConstantSpeed) -> FilmSignal:
         """The recorded signal less its offset, in the amplifier's unit."""
@@ -186,7 +263,9 @@ class Sensor(eqx.Module):
             for each in self.filters:  # at constant speed they act along the line
                 film = film.with_effect(each.along(speed, film.depth_m))
             films.append(film)
-        return FilmSignal(self.skin, tuple(films), gain, self.amplifier.order)
+        return dataclasses.replace(
+            self.film_signal(gain, self.amplifier.order), elements=tuple(films)
+        )
 
     def operator(self, line: Line, scan: ConstantSpeed) -> Convolution:
         """From traction on a line to the recorded signal less its offset, at constant speed and at
@@ -210,7 +289,7 @@ class Sensor(eqx.Module):
         """
         gain = self.amplifier.at_speed(motion.speed_m_per_s)
         # What the amplifier reads of the charge, before its gain.
-        field = FilmSignal(self.skin, self.elements, as_real(1.0), self.amplifier.order)
+        field = self.film_signal(as_real(1.0), self.amplifier.order)
         interval = even_interval(motion.time_s) if self.filters else None
         end = None
         if reach_m is not None:

@@ -100,8 +100,9 @@ class SnapBackNoise(NonGaussianNoise):
     def recorded_by(
         cls, sensor: Sensor, rate_hz, shear_Pa, patch_m, decay_s, contact_m
     ) -> "SnapBackNoise":
-        """The noise as this sensor records it."""
-        readout = sensor.charge(), sensor.amplifier, sensor.filters
+        """The noise as this sensor records it. Envelopes do not act on it: a burst is a load of its
+        own, not the surface's."""
+        readout = sensor.touching_everywhere().charge(), sensor.amplifier, sensor.filters
         return cls(*readout, rate_hz, shear_Pa, patch_m, decay_s, contact_m)
 
     def spectrum(

@@ -126,8 +126,9 @@ class TurnedSkin(Skin):
 
 class StripLength(LineEffect):
     """The strip's charge is the mean over its length, which reaches over l sin(phi) along xi:
-    sin(a)/a with a = k l sin(phi)/2."""
+    sin(a)/a with a = k l sin(phi)/2. Each part of it has the contact zone about itself."""
 
+    acts_on_signal = True
     reach_m: Float[Array, ""]
     nodes: int = eqx.field(static=True)
 
@@ -167,6 +168,6 @@ def in_own_axes(film: Film, angle_rad: Float[Array, ""]) -> Film:
     effects = tuple(
         effect.scaled(c) if isinstance(effect, StripAverage) else effect for effect in film.effects
     )
-    length = StripLength(film.length_m * jnp.sin(angle_rad))
+    length = StripAverage(film.length_m * jnp.sin(angle_rad), LENGTH_NODES)
     film = eqx.tree_at(lambda f: f.turn_rad, film, None, is_leaf=lambda leaf: leaf is None)
     return eqx.tree_at(lambda f: f.effects, film, (*effects, length))

@@ -121,6 +121,15 @@ ACTING = {
          "effects.viscoelastic_skin.fractions=[5.0,5.0]"),
     ),
     "oblique_features": (("effects.oblique_features.angle_deg=2",),),
+    "finite_patch": (
+        ("effects.finite_patch.profile=hertz", "effects.finite_patch.half_width_m=0.15"),
+        ("scene=ridge", "effects.finite_patch.half_width_m=0.003"),
+        ("grid.line=open", "effects.finite_patch.profile=hertz"),
+    ),
+    "fingerprint": (
+        ("scene=ridge",),
+        ("effects.fingerprint.modulation=0.01", "effects.fingerprint.pitch_m=0.001"),
+    ),
     "amplifier_bandwidth": (("effects.amplifier_bandwidth.capacitance_F=1e-11",),),
     "antialias_filter": ((), ("effects.antialias_filter.cutoff_hz=5000",)),
     "sampling": ((),),

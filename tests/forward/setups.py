@@ -7,6 +7,7 @@ import numpy as np
 
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.contact import Contact, press
+from srsinv.forward.envelope import FingerprintRidges, HertzPatch
 from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripAverage
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
@@ -72,6 +73,12 @@ def full_sensor(amplifier=None) -> Sensor:
         HalfSpace(0.45),
         amplifier,
     )
+
+
+def zoned_sensor() -> Sensor:
+    """An element beside the middle of a zone with ridges."""
+    ridges = FingerprintRidges(0.4, 0.5e-3, 0.3)
+    return Sensor([Film(0.9e-3, 0.3, offset_m=2e-4)], envelopes=[ridges, HertzPatch(1e-3)])
 
 
 def fitted_order(steps, errors) -> float:

@@ -8,13 +8,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tests.forward.setups import AMPLIFIERS, LINES, SCAN, full_sensor
+from tests.forward.setups import AMPLIFIERS, LINES, SCAN, full_sensor, zoned_sensor
 from tests.tiers import quick
 
 STAGES = {
     "stress": full_sensor().stress(),
     "charge": full_sensor().charge(),
     "current": full_sensor().current(SCAN),
+    "zone": zoned_sensor().current(SCAN),
     **{name: full_sensor(amplifier).output(SCAN) for name, amplifier in AMPLIFIERS.items()},
 }
 DRAW = np.random.default_rng(7).normal(size=(14, 64))

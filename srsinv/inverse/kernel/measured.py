@@ -167,6 +167,11 @@ def kernels(
 ) -> Float[np.ndarray, "e 2 m"]:
     """The kernels of films in the sensor's skin at lags x: the charge under a unit line load of p
     and of q, of which a strip far narrower than the depth stands for the line."""
+    refuse(
+        bool(sensor.envelopes),
+        "A kernel that is measured includes how the finger touches: leave finite_patch and "
+        "fingerprint out of effects.",
+    )
     width = NARROW * float(sensor.depth_m)
     stage = FilmSignal(sensor.skin, tuple(films), as_real(1.0), 0)
     return np.asarray(_response(stage, as_real(x_m), as_real(width))) / width

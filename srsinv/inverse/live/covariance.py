@@ -14,7 +14,7 @@ from jaxtyping import Complex, Float
 
 from ...errors import BadInput, echo, of_kind, refuse
 from ...forward.film import StripAverage
-from ...forward.sensor import FilmSignal, Sensor
+from ...forward.sensor import Sensor
 from ...grid import Convolution, Open, Periodic, as_real, wavenumbers
 from ..line.prior import Prior
 from ..line.problem import LineProblem
@@ -104,13 +104,19 @@ def joint_covariance(
     return JointCovariance(values, size[:components], size[components:], least)
 
 
+class CellAverage(StripAverage):
+    """The mean over the cell that a sample is recorded in."""
+
+    acts_on_signal = True
+
+
 def _kernel(sensor: Sensor, cell_m: float, reach: int) -> Float[np.ndarray, "e c lag"]:
     """The signal per unit gain of one cell of unit traction, from `reach` cells before it on,
     averaged over the cell that it is recorded in."""
-    films = tuple(
-        film.with_effect(StripAverage.at_depth(cell_m, film.depth_m)) for film in sensor.elements
+    averaging = sensor.with_films(
+        lambda film: film.with_effect(CellAverage.at_depth(cell_m, film.depth_m))
     )
-    stage = FilmSignal(sensor.skin, films, as_real(1.0), sensor.amplifier.order)
+    stage = averaging.film_signal(as_real(1.0), sensor.amplifier.order)
     operator = Open(reach, cell_m).operator(stage)
     circle = np.fft.irfft(np.asarray(operator.transfer), operator.length)
     return np.concatenate(
