@@ -46,6 +46,8 @@ if TYPE_CHECKING:  # for editors and type checkers, which cannot read the table 
     from .grid import Line as Line
     from .grid import Open as Open
     from .grid import Periodic as Periodic
+    from .inverse.bursts.estimate import BurstEstimate as BurstEstimate
+    from .inverse.bursts.method import BurstInversion as BurstInversion
     from .inverse.conformal import Conformal as Conformal
     from .inverse.estimate import Estimate as Estimate
     from .inverse.estimate import relative_error as relative_error
@@ -79,6 +81,8 @@ __version__ = "0.1.0"
 _MODULES = {
     "Admissible": "inverse.line.constraint",
     "BadInput": "errors",
+    "BurstEstimate": "inverse.bursts.estimate",
+    "BurstInversion": "inverse.bursts.method",
     "Conformal": "inverse.conformal",
     "ConstantSpeed": "forward.scan",
     "Edges": "inverse.line.constraint",

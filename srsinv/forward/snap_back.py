@@ -6,6 +6,7 @@ length: the recording is a shot noise (Campbell's theorem; Rice 1944, part I).
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -16,6 +17,7 @@ from jaxtyping import Array, Complex, Float, PRNGKeyArray
 
 from ..errors import number, refuse
 from ..grid import Line, as_real
+from ..known import namespace
 from .amplifier import Amplifier
 from .filter import Filter
 from .noise import NonGaussianNoise, exponential_spectrum
@@ -114,7 +116,7 @@ class SnapBackNoise(NonGaussianNoise):
         power = per_s * self._mean_square(line, scan) * self.decay_s / 2 * held
         power = power * jnp.abs(self._passed(line, interval)) ** 2
         # The squared modulus of the difference between neighbours.
-        return power * (2 * jnp.sin(line.k * line.cell_m / 2)) ** 2 if self._is_rate else power
+        return power * (2 * jnp.sin(line.k * line.cell_m / 2)) ** 2 if self.is_rate else power
 
     def cross_spectrum(
         self, line: Line, scan: ConstantSpeed, signal_rms: Float[Array, ""], elements: int
@@ -137,14 +139,23 @@ class SnapBackNoise(NonGaussianNoise):
         interval, per_s = self.interval_and_rate(line, scan)
         ratio = interval / self.decay_s
         fresh = self._fresh(key, line.n, per_s * line.n * interval, ratio)
-        recorded = self._relaxing(line, ratio) * self._passed(line, interval)
+        recorded = relaxing(line.k * line.cell_m, ratio, self.is_rate) * self._passed(
+            line, interval
+        )
         signal = jnp.fft.irfft(recorded[None] * jnp.fft.rfft(fresh), line.n)
         signal = self._reading(line, scan) * self.shear_Pa * signal
         # The first sample in time is the last one along x where the finger slides backwards.
         return jnp.where(scan.direction < 0, signal[:, ::-1], signal)
 
+    def recorded(self, line: Line, scan: ConstantSpeed) -> Complex[Array, " k"]:
+        """Transfer from [`relaxing`][] charge to the signal, over the samples in time: the
+        amplifier's factor and the filters."""
+        interval, _ = self.interval_and_rate(line, scan)
+        return self._reading(line, scan) * self._passed(line, interval)
+
     @property
-    def _is_rate(self) -> bool:
+    def is_rate(self) -> bool:
+        """Whether a sample is the charge's difference to the one before."""
         return self.amplifier.order > 0
 
     def interval_and_rate(
@@ -158,7 +169,7 @@ class SnapBackNoise(NonGaussianNoise):
 
     def _reading(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
         """The factor on the charge, or on its difference between samples: R_f/dt."""
-        if not self._is_rate:
+        if not self.is_rate:
             return self.amplifier.at_speed(scan.speed_m_per_s)
         return self.amplifier.at_speed(jnp.abs(scan.speed_m_per_s)) / line.cell_m
 
@@ -169,7 +180,7 @@ class SnapBackNoise(NonGaussianNoise):
             passed = passed * each.response(line.k * line.cell_m / interval)
         return passed
 
-    def _response(self, place_m: Float[Array, " event"]) -> Float[Array, "e event"]:
+    def response(self, place_m: Float[Array, " event"]) -> Float[Array, "e event"]:
         """Every film's charge [C/Pa] per unit shear on patches at these places."""
         return self.charge.cell_response(-place_m, self.patch_m)[:, 1]
 
@@ -177,7 +188,7 @@ class SnapBackNoise(NonGaussianNoise):
         """The response over the contact by Chebyshev polynomials: one event's is then a sum of
         cosines, whatever the skin."""
         angle = np.pi * (np.arange(self.terms) + 0.5) / self.terms
-        response = self._response(self.contact_m / 2 * as_real(np.cos(angle)))
+        response = self.response(self.contact_m / 2 * as_real(np.cos(angle)))
         return (jax.scipy.fft.dct(response) / self.terms).at[:, 0].multiply(0.5)
 
     def _mean_square(self, line: Line, scan: ConstantSpeed) -> Float[Array, ""]:
@@ -193,7 +204,7 @@ class SnapBackNoise(NonGaussianNoise):
         node, weight = np.polynomial.legendre.leggauss(NODES)
         middle = 2 * np.arange(PANELS) + 1 - PANELS
         places = ((middle[:, None] + node[None]) / PANELS).ravel()
-        response = self._response(self.contact_m / 2 * as_real(places))
+        response = self.response(self.contact_m / 2 * as_real(places))
         # Squared as a signal: a charge's square is beyond single precision.
         jump = self._reading(line, scan) * self.shear_Pa * response
         return jump, as_real(np.tile(weight, PANELS) / (2 * PANELS))
@@ -211,13 +222,19 @@ class SnapBackNoise(NonGaussianNoise):
 
         return sum_over_events(key, expected, n, len(self.charge.elements), contribution)
 
-    def _relaxing(self, line: Line, ratio: Float[Array, ""]) -> Complex[Array, " k"]:
-        """Transfer from fresh charge to the recorded signal, over the samples in time."""
-        half = line.k * line.cell_m / 2
-        difference = 2j * jnp.sin(half) * jnp.exp(-1j * half)
-        # 1 - exp(-ratio - ik cell), without cancelling where the decay is slow.
-        denominator = -jnp.expm1(-ratio) + jnp.exp(-ratio) * difference
-        return (difference if self._is_rate else 1.0) / denominator
+
+def relaxing(angle: Any, ratio: Any, is_rate: bool) -> Any:
+    """Transfer from fresh charge to charge that relaxes, over the samples in time.
+
+    - `angle` [rad]: between neighbouring samples; `ratio`: the sampling interval over the decay;
+      `is_rate`: whether a sample is the charge's difference to the one before.
+    """
+    xp = namespace(angle, ratio)
+    half = angle / 2
+    difference = 2j * xp.sin(half) * xp.exp(-1j * half)
+    # 1 - exp(-ratio - i angle), without cancelling where the decay is slow.
+    denominator = -xp.expm1(-ratio) + xp.exp(-ratio) * difference
+    return (difference if is_rate else 1.0) / denominator
 
 
 def sum_over_events(

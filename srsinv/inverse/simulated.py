@@ -124,7 +124,7 @@ def recorded(sim: Simulation, key) -> TimedSamples:
 def _cross_spectrum(noises, line, scan, rms, elements: int) -> Float[Array, "e e k"] | None:
     """The cross-spectral matrix of the noise that elements share; None where there is none."""
     others = split_gaussian(noises)[1]
-    return cross_spectrum(others, line, scan, rms, elements) if others and elements > 1 else None
+    return cross_spectrum(others, line, scan, rms, elements) if others else None
 
 
 def _problem(
@@ -136,7 +136,7 @@ def _problem(
         of_elements = jnp.einsum("eek->ek", cross)
         own = jnp.maximum(spectrum - jnp.mean(of_elements, axis=0), 0.0)
         shared, warnings = shared_noise(cross, own)
-        spectrum = own[None] + of_elements
+        spectrum = own[None] + of_elements if len(cross) > 1 else spectrum
     free_offset = sensor.amplifier.offset is None
     return LineProblem.of_sensor(
         sim.line,

@@ -28,7 +28,7 @@ COMMON_AXES = 1e-6  # of the matrix that its axes leave aside, at most: beyond, 
 
 
 class SharedNoise(eqx.Module):
-    """Noise with a part that all elements share.
+    """Noise with a part that all elements share, or that one element has beside its own.
 
     - `axes` (e, e): V, orthogonal sums of the elements; `power` (e, k): the shared part's power per
       sample along each; `own` (k,): the power of the rest, independent and alike in all elements.
@@ -56,7 +56,7 @@ def shared_noise(
     axes, power, aside = _along_axes(cross)
     if is_traced(cross):
         return SharedNoise(axes, power, own), ()
-    if len(cross) == 1 or not np.any(np.asarray(cross)):
+    if not np.any(np.asarray(cross)):
         return None, ()
     if float(aside) > COMMON_AXES:
         return None, diagnostics.correlated_elements("its causes correlate elements differently")
@@ -79,8 +79,8 @@ def usable(
 ) -> tuple[SharedNoise | None, Sequence[str]]:
     """The shared noise where signals can be rotated, else None with a warning: where elements miss
     other samples than each other, or have further noise of their own (`others`)."""
-    if shared is None:
-        return None, ()
+    if shared is None or len(shared.axes) == 1:
+        return shared, ()
     if observed is not None and not np.all(np.asarray(observed) == np.asarray(observed)[:1]):
         return None, diagnostics.correlated_elements("elements miss different samples")
     if any(each is not None for each in others):
@@ -93,6 +93,8 @@ def decorrelated(problem: "LineProblem") -> "LineProblem":
     shared = problem.shared_noise
     if shared is None:
         return problem
+    if len(shared.axes) == 1:
+        return with_fields(problem, shared_noise=None)
     xp = array_module(shared, problem)
     turn = xp.asarray(shared.axes).T
     noise = shared.own[None] + xp.maximum(

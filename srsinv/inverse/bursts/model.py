@@ -1,0 +1,141 @@
+"""Signals of one burst, and the covariance of everything else.
+
+A burst that begins at the time t at the place y on the finger is a jump of the shear on one patch,
+which decays over tau. Its first sample m has what is left of it, a = s exp(-(m dt - t)/tau), s its
+size. Samples are means over the interval dt, so that t within it cannot be known: the data
+determine a and m. All elements record the burst, b = a R(y) h_tau(j - m): R(y) (e,) their
+responses to a patch at y, h_tau the same decay through the amplifier and the filters.
+
+With the traction integrated out, everything else is Gaussian, of the covariance C(k) = G S G^H + N
+between elements at each wavenumber. N has the noise of the elements and the bursts that are too
+small to be found one by one.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.interpolate import CubicSpline
+
+from ...forward.snap_back import SnapBackNoise, relaxing
+from ...grid import as_real, half_spectrum_weights
+from ..line.prior import Prior
+from ..line.problem import LineProblem
+
+PLACES = 401  # of the contact, at which responses are computed: a spline is between them
+DIGITS = 1e8  # of the traction's power over the noise, at most, so that C can be inverted
+
+
+class BurstModel:
+    """What one burst gives, in the order of time.
+
+    - `interval_s`: between samples; `n`: number of samples; `contact_m`: of places on the finger,
+      about the sensor's origin; `decay_s`: shortest and longest decay.
+    """
+
+    def __init__(
+        self, problem: LineProblem, patch_m: float, contact_m: float, decay_s: tuple[float, float]
+    ):
+        sensor, scan = problem.sensor, problem.scan
+        assert sensor is not None
+        assert scan is not None
+        self.n = problem.line.n
+        self.interval_s = 1 / float(scan.sample_rate_hz(problem.line))
+        self.contact_m, self.decay_s = contact_m, decay_s
+        typical = float(np.sqrt(decay_s[0] * decay_s[1]))
+        self._unit = SnapBackNoise.recorded_by(sensor, 1.0, 1.0, patch_m, typical, contact_m)
+        self._recorded = np.asarray(self._unit.recorded(problem.line, scan))
+        self._angle = 2 * np.pi * np.arange(self.n // 2 + 1) / self.n
+        places = np.linspace(-contact_m / 2, contact_m / 2, PLACES)
+        self._at = CubicSpline(places, np.asarray(self._unit.response(as_real(places))), axis=-1)
+        self._slope = self._at.derivative()
+
+    def responses(self, place_m: np.ndarray) -> Float[np.ndarray, "e place"]:
+        """R [C/Pa] at places on the finger."""
+        return self._at(place_m)
+
+    def slopes(self, place_m: np.ndarray) -> Float[np.ndarray, "e place"]:
+        """dR/dy [C/Pa/m]."""
+        return self._slope(place_m)
+
+    def decaying(self, decay_s: np.ndarray) -> Complex[np.ndarray, "decay k"]:
+        """The spectra of h for these decays, of a jump in the first sample."""
+        ratio = self.interval_s / np.atleast_1d(decay_s)[:, None]
+        return relaxing(self._angle, ratio, self._unit.is_rate) * self._recorded
+
+    def sample(self, sample: int) -> Complex[np.ndarray, " k"]:
+        """The factor on a spectrum of what begins in this sample in place of the first."""
+        return np.exp(-1j * self._angle * sample)
+
+    def decays(self, count: int) -> Float[np.ndarray, " decay"]:
+        """So many decays of the range, the shortest and the longest among them."""
+        return np.geomspace(self.decay_s[0], self.decay_s[1], count)
+
+    def left(self, decay_s: Any) -> Any:
+        """Root of the mean square of exp(-age/decay), over ages within an interval."""
+        twice = 2 * self.interval_s / decay_s
+        return np.sqrt(-np.expm1(-twice) / twice)
+
+    def small_bursts(self) -> tuple[Float[np.ndarray, "e e"], Float[np.ndarray, " k"]]:
+        """Of many small bursts, one a sample of unit size: the mean products of the elements'
+        responses, and the power of decays within the range."""
+        responses = self.responses(np.linspace(-0.5, 0.5, PLACES) * self.contact_m)
+        decay_s = self.decays(8)
+        power = np.abs(self.decaying(decay_s)) ** 2 * self.left(decay_s)[:, None] ** 2
+        return responses @ responses.T / PLACES, np.mean(power, axis=0)
+
+
+class Everything(NamedTuple):
+    """The covariance of everything but the bursts sought: `inverse` C^-1 (k, e, e) in the order of
+    time, 0 where the signals' mean is not known, and log det C, `log_det`; n samples."""
+
+    inverse: Complex[np.ndarray, "k e e"]
+    log_det: float
+    n: int
+
+    @classmethod
+    def of(
+        cls, problem: LineProblem, prior: Prior, noise: Float[np.ndarray, "k e e"], factor: float
+    ) -> "Everything":
+        """Of the traction's prior, with its power times `factor`, and of the noise's matrix."""
+        transfer = np.moveaxis(np.asarray(problem.forward.transfer), -1, 0)
+        root = np.asarray(prior.root(problem.line), float)
+        own = np.einsum("kee->k", noise).real / noise.shape[-1]
+        gain = np.max(np.abs(transfer) ** 2, axis=(0, 1))
+        most = DIGITS * own[1:].min() / np.where(gain > 0, gain, 1.0)
+        with np.errstate(divide="ignore"):
+            power = np.minimum(factor / root**2, most[:, None])
+        power[np.asarray(problem.zero_mean), 0] = 0.0
+        total = np.einsum("kec,ck,kfc->kef", transfer, power, transfer.conj()) + noise
+        if problem.has_free_offset:
+            total[0] = np.eye(len(total[0]))
+        if float(problem.scan.direction) < 0:  # pyright: ignore[reportOptionalMemberAccess]
+            total = total.conj()
+        inverse = np.linalg.inv(total)
+        logs = np.linalg.slogdet(total)[1]
+        weights = problem.line.n * half_spectrum_weights(problem.line.n)
+        if problem.has_free_offset:
+            inverse[0], logs[0] = 0.0, 0.0
+        return cls(inverse, float(weights @ logs) / 2, problem.line.n)
+
+    def weigh(self, spectrum: Complex[np.ndarray, "*row e k"]) -> Complex[np.ndarray, "*row e k"]:
+        """C^-1 times spectra."""
+        return np.einsum("kef,...fk->...ek", self.inverse, spectrum)
+
+    def dot(self, one: np.ndarray, other: np.ndarray) -> Any:
+        """The inner products over all samples, (row, row) of spectra (row, e, k)."""
+        scaled = one.conj() * half_spectrum_weights(self.n)
+        return np.einsum("aek,bek->ab", scaled, other).real
+
+    def squares(
+        self, waves: Complex[np.ndarray, "decay k"], responses: Float[np.ndarray, "e place"]
+    ) -> Float[np.ndarray, "decay place"]:
+        """Q, the inner products with themselves of the signals of bursts of unit amplitude."""
+        power = np.abs(waves) ** 2 * half_spectrum_weights(self.n)
+        inner = np.einsum("tk,kef->tef", power, self.inverse, optimize=True).real
+        return np.einsum("ey,tef,fy->ty", responses, inner, responses, optimize=True)
+
+    def log_likelihood(self, data: Complex[np.ndarray, "e k"]) -> float:
+        """Log density of signals of this spectrum, but for a constant."""
+        square = self.dot(data[None], self.weigh(data)[None])[0, 0]
+        return -0.5 * float(square) - self.log_det

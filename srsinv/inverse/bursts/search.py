@@ -1,0 +1,144 @@
+"""Search for bursts in the signals of a pass, one set of levels given.
+
+A burst is claimed where the likelihood of the signals, averaged over the prior of its sample,
+place, decay and size, is at least 1/`FALSE_CLAIMS` times that without it. The mean of such a ratio
+over signals without bursts is 1, so that at most the fraction `FALSE_CLAIMS` of them exceeds the
+bound (Markov's inequality). This holds where the covariance of everything else is right. A ridge
+is louder in places than a stationary traction, so that a claim must hold as well where the
+traction's power is `LOUDER` times as high: it is then left out of what bursts are found by.
+"""
+
+import numpy as np
+from jaxtyping import Complex
+
+from .model import BurstModel, Everything
+from .posterior import BESIDE, Burst, Grid, OneBurst, Others, SizePrior
+
+FALSE_CLAIMS = 0.02  # of passes without bursts, at most
+LOUDER = 1e3
+NEAR = 40  # samples within which bursts are fitted together
+AWAY = 20  # samples between bursts that are claimed in one round
+ROUNDS, SWEEPS = 20, 2
+DECAYS, PLACES = 6, 41  # of the scan
+FAINT = 1e-9  # of the largest square: a place that no element responds to gives nothing
+
+
+class Search:
+    """Bursts in signals of a spectrum `data` (e, k), in the order of time.
+
+    `rests`: everything else at the traction's level, and at one that is `LOUDER`.
+    """
+
+    def __init__(
+        self,
+        model: BurstModel,
+        rests: tuple[Everything, Everything],
+        prior: SizePrior,
+        data: Complex[np.ndarray, "e k"],
+    ):
+        self.model, self.rests, self.prior, self.data = model, rests, prior, data
+
+    def run(self, bursts: list[Burst]) -> list[Burst]:
+        """All bursts that are claimed, from some that are known already."""
+        bursts = self.refined(bursts, range(len(bursts)))
+        for _ in range(ROUNDS):
+            added = self._claimed(bursts)
+            if not added:
+                break
+            known = len(bursts)
+            bursts = [*bursts, *added]
+            changed = {j for j in range(len(bursts)) if _has_near(self.model.n, bursts, j, known)}
+            bursts = self.refined(bursts, sorted(changed))
+        return self._confirmed(bursts)
+
+    def refined(self, bursts: list[Burst], which: "range | list[int]") -> list[Burst]:
+        """The bursts with each of `which` at its likeliest, given the others."""
+        bursts = list(bursts)
+        for _ in range(SWEEPS):
+            for j in which:
+                one = self.one(bursts, j)
+                bursts[j] = one.likeliest(one.around(bursts[j].sample))
+            which = [j for j in which if len(_near(self.model.n, bursts, j)) > 1]
+        return bursts
+
+    def one(self, bursts: list[Burst], j: int, level: int = 0) -> OneBurst:
+        """The posterior of one of the bursts beside the others."""
+        near = [i for i in _near(self.model.n, bursts, j) if i != j]
+        data = self.without([each for i, each in enumerate(bursts) if i != j])
+        rest = self.rests[level]
+        others = Others.of(self.model, rest, [bursts[i] for i in near])
+        return OneBurst(self.model, rest, self.prior, data, others)
+
+    def surest_grids(self, bursts: list[Burst]) -> list[Grid]:
+        """The posterior of each burst under the louder traction."""
+        each = enumerate(bursts)
+        return [self.one(bursts, j, level=1).around(burst.sample) for j, burst in each]
+
+    def without(self, bursts: list[Burst]) -> Complex[np.ndarray, "e k"]:
+        """The signals' spectrum less these bursts."""
+        return self.data - sum((each.spectrum(self.model) for each in bursts), 0.0 * self.data)
+
+    def _claimed(self, bursts: list[Burst]) -> list[Burst]:
+        """Further bursts, far enough from each other."""
+        data, n = self.without(bursts), self.model.n
+        least = np.log(n / FALSE_CLAIMS / (2 * BESIDE + 1)) - 0.5
+        heights = np.minimum(*(self._heights(rest, data) for rest in self.rests))
+        added: list[Burst] = []
+        for sample in np.argsort(heights)[::-1].tolist():
+            if heights[sample] < least:  # or looked at with a neighbour
+                continue
+            if any(_apart(n, sample, each.sample) < AWAY for each in added):
+                continue
+            ones = [OneBurst(self.model, rest, self.prior, data) for rest in self.rests]
+            grids = [one.around(sample) for one in ones]
+            if min(self.log_odds(grid) for grid in grids) > -np.log(FALSE_CLAIMS):
+                added.append(ones[0].likeliest(grids[0]))
+            else:
+                heights[np.arange(sample - BESIDE, sample + BESIDE + 1) % n] = -np.inf
+        return added
+
+    def _confirmed(self, bursts: list[Burst]) -> list[Burst]:
+        """The bursts that are still claimed beside the others, the weakest left out first."""
+        for j in sorted(range(len(bursts)), key=lambda j: bursts[j].d_prime):
+            near = _near(self.model.n, bursts, j)
+            grids = (
+                one.around(bursts[j].sample) for one in (self.one(bursts, j, i) for i in (0, 1))
+            )
+            if min(self.log_odds(grid) for grid in grids) <= -np.log(FALSE_CLAIMS):
+                rest = [each for i, each in enumerate(bursts) if i != j]
+                moved = [i - (i > j) for i in near if i != j]
+                return self._confirmed(self.refined(rest, moved))
+        return bursts
+
+    def log_odds(self, grid: Grid) -> float:
+        """Log of the averaged likelihood ratio, samples of equal odds."""
+        return grid.log_evidence - float(np.log(self.model.n))
+
+    def _heights(self, rest: Everything, data: np.ndarray) -> np.ndarray:
+        """d'^2/2 of a burst in every sample, the greatest over places and decays."""
+        model = self.model
+        decays = model.decays(DECAYS)
+        waves = model.decaying(decays)
+        responses = model.responses(np.linspace(-0.5, 0.5, PLACES) * model.contact_m)
+        squares = rest.squares(waves, responses)
+        weighed, highest = rest.weigh(data), np.zeros(model.n)
+        for wave, square in zip(waves, squares, strict=True):
+            along = responses.T @ np.fft.irfft(wave.conj() * weighed, model.n)
+            over = np.maximum(square, FAINT * square.max())[:, None]
+            highest = np.maximum(highest, np.max(along**2 / over, axis=0) / 2)
+        return highest
+
+
+def _apart(n: int, one: int, other: int) -> int:
+    """Samples between two, around the circle."""
+    return min((one - other) % n, (other - one) % n)
+
+
+def _near(n: int, bursts: list[Burst], j: int) -> list[int]:
+    """The bursts near one of them, itself among them."""
+    return [i for i, each in enumerate(bursts) if _apart(n, each.sample, bursts[j].sample) <= NEAR]
+
+
+def _has_near(n: int, bursts: list[Burst], j: int, known: int) -> bool:
+    """Whether a burst is new, or near one that is."""
+    return any(i >= known for i in _near(n, bursts, j))
