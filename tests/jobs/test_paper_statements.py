@@ -10,7 +10,7 @@ from tests.golden.check import golden_test
 from tests.jobs.run import check_page, short_outcome, short_run
 from tests.tiers import quick
 
-FORMS = ("amplifier_drift", "element_array", "scan_speed")
+FORMS = ("amplifier_drift", "element_array", "scan_speed", "skin_design")
 
 test_nothing_has_moved = golden_test(FORMS)
 
@@ -74,6 +74,25 @@ def test_lag_is_the_angle_of_the_complex_modulus():
     np.testing.assert_allclose(data["lag"], length, rtol=1e-9)
 
 
+@pytest.mark.full
+def test_foam_keeps_the_load_and_a_hard_layer_concentrates_it():
+    metrics: dict[str, Any] = dict(short_run("skin_design").metrics)
+    assert 100 * metrics["load_change_foam"] < metrics["load_change_plastic"]
+    assert metrics["signal_change_foam"] < 0.02 < metrics["signal_change_plastic"]
+    assert 50 * metrics["vibration_as_ridge_plastic_m"] < metrics["vibration_as_ridge_foam_m"]
+    assert metrics["given_load_sigma_z_at_ratio_10"] < 1 < 2 < metrics["contact_stress_at_ratio_10"]
+    assert metrics["contact_stress_at_ratio_10"] < metrics["contact_pressure_at_ratio_10"]
+
+
+@pytest.mark.full
+def test_a_stiff_strip_has_the_stress_of_half_a_width_and_the_shape_of_the_theory():
+    """pi a/(4 t), less 3 % by the free surface and the film's own strain."""
+    metrics: dict[str, Any] = dict(short_run("skin_design").metrics)
+    rigid = np.pi * 0.25e-3 / (4 * 2 * 28e-6)
+    assert metrics["strip_stress_ratio"] == pytest.approx(rigid, rel=0.03)
+    assert metrics["similarity_to_theory_stiff_strip"] > 0.999
+
+
 REFUSED = [
     ("amplifier_drift", "sensor=two_element", "has 2 elements"),
     ("amplifier_drift", "amplifier_drift.circuits.charge.capacitance_F=0", "charge.capacitance_F"),
@@ -83,6 +102,11 @@ REFUSED = [
     ("scan_speed", "amplifier=charge_dc", "amplifier=current"),
     ("scan_speed", "scan_speed.noise_growth=null", "noise_growth is"),
     ("scan_speed", "scan_speed.temperature_K=0", "temperature_K is"),
+    ("skin_design", "skin.poisson_ratio=0.3", "skin.poisson_ratio=0.5"),
+    ("skin_design", "amplifier=charge_dc", "amplifier=current"),
+    ("skin_design", "sensor.elements.along.angle_deg=90", "lies flat"),
+    ("skin_design", "skin_design.backings=null", "backings is"),
+    ("skin_design", "skin_design.film.thickness_m=0", "film.thickness_m"),
     ("element_array", "grid.line=open", "grid.line=periodic"),
     ("element_array", "element_array.share=1", "share is 1"),
     ("element_array", "element_array.pitches_m=[0]", "pitches_m"),
