@@ -118,7 +118,9 @@ class PassingEdge(eqx.Module):
         # The edge moves backwards under a finger that slides towards +x.
         shifts = every * (PLACES // 2 - np.arange(PLACES + 1))
         heights = -(x**2) / (2 * contact.radius_m) + np.stack([np.roll(height, s) for s in shifts])
-        pressure = _pressures(line, sensor.skin, heights, load_N_per_m / (CELLS * cell))
+        pressure = _pressures(
+            line, sensor.skin, as_real(heights), as_real(load_N_per_m / (CELLS * cell))
+        )
         kernel = cell * line_response(sensor, -contact.place_m - x)
         charge = np.asarray(pressure) @ (kernel[:, 0] + friction * kernel[:, 1]).T
         time = self.at_s - shifts * cell / self.speed_m_per_s
@@ -127,7 +129,7 @@ class PassingEdge(eqx.Module):
 
 @eqx.filter_jit
 def _pressures(line: Periodic, skin, heights, nominal) -> Float[Array, "place n"]:
-    return jax.lax.map(lambda h: press(line, skin, h, nominal).pressure_Pa, as_real(heights))
+    return jax.lax.map(lambda h: press(line, skin, h, nominal).pressure_Pa, heights)
 
 
 class ForceHistory(NamedTuple):

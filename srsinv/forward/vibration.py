@@ -14,7 +14,7 @@ from jaxtyping import Complex, Float, PRNGKeyArray
 from ..errors import refuse
 from ..grid import Periodic, as_real
 from .amplifier import Amplifier
-from .noise import draw, split_gaussian, total_spectrum
+from .noise import Noise, draw, split_gaussian, total_spectrum
 from .scan import ConstantSpeed
 from .scenario import Scenario
 from .sensor import Sensor
@@ -129,16 +129,34 @@ def measured(
     return lock_in(np.asarray(recorder.convert(signal), float), time, frequency_hz)
 
 
+def noise_rms_at_rest(noises: tuple[Noise, ...], rate_hz: float, signal_rms: float) -> float:
+    """Noise [signal units, rms] of each sample of a resting sensor.
+
+    Raises `BadInput` for noise that is correlated along x.
+    """
+    if not noises:
+        return 0.0
+    power = _power_at_rest(noises, 4, rate_hz, signal_rms)
+    return float(np.sqrt(np.asarray(power)[-1]))
+
+
 def _noise(scenario: Scenario, signal: Any, rate_hz: float, key: PRNGKeyArray) -> Any:
-    """Noise (row, sample) of the scenario's causes, of which one that slides has no meaning."""
-    gaussian, others = split_gaussian(scenario.noises)
-    line, passing = Periodic(signal.shape[-1], 1 / rate_hz), ConstantSpeed(1.0)
-    power = total_spectrum(gaussian, line, passing, np.sqrt(np.mean(np.asarray(signal) ** 2)))
+    """Noise (row, sample) of the scenario's causes."""
+    rms = np.sqrt(np.mean(np.asarray(signal) ** 2))
+    power = _power_at_rest(scenario.noises, signal.shape[-1], rate_hz, rms)
+    return draw(key, power, *signal.shape)
+
+
+def _power_at_rest(noises: tuple[Noise, ...], count: int, rate_hz: float, signal_rms: Any) -> Any:
+    """The power (k,) of so many samples, of causes of which one that slides has no meaning."""
+    gaussian, others = split_gaussian(noises)
+    line, passing = Periodic(count, 1 / rate_hz), ConstantSpeed(1.0)
+    power = total_spectrum(gaussian, line, passing, signal_rms)
     values = np.asarray(power)
-    names = ", ".join(type(each).__name__ for each in scenario.noises)
+    names = ", ".join(type(each).__name__ for each in noises)
     refuse(
         bool(others) or bool(np.ptp(values) > SAME_GAIN * np.max(values)),
         f"noise names one that is correlated along x ({names}), but the rig's sensor "
         "is at rest: give noise=[johnson], noise=[white] or noise=[snr].",
     )
-    return draw(key, power, *signal.shape)
+    return power

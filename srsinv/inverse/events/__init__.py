@@ -1,0 +1,1 @@
+"""Detection of contact events in a stream of samples: a threshold, and matched filters."""

@@ -1,0 +1,96 @@
+"""Templates of contact events: the signal of each kind, over some durations, from the model.
+
+They are made for a nominal contact. An event that lasts another time, under another load, has a
+template that is nearly like it, and the filter loses the part of its strength that is not.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ...forward.episode import KINDS_OF_EVENT, Episode, PassingEdge, Ramp, sampled
+from ...forward.sensor import Sensor
+from ...forward.shape import Shape
+
+LONG_AGO_S = 1e3
+FADED = 4.0  # decays after which a drop of friction is over
+COARSE = 24  # cells over half the contact, for an edge's template
+
+
+class EventTemplate(NamedTuple):
+    """The signal (element, sample) [V] of an event of a `kind` that lasts `duration_s` [s]."""
+
+    kind: str
+    duration_s: float
+    signal: Float[np.ndarray, "e m"]
+
+
+def event_templates(
+    episode: Episode,
+    sensor: Sensor,
+    rate_hz: float,
+    durations_s: Sequence[float],
+    drops_s: Sequence[float] = (),
+    edges: Sequence[Shape] = (),
+    speeds_m_per_s: Sequence[float] = (),
+) -> tuple[EventTemplate, ...]:
+    """Templates of first contact, incipient slip and loss of contact in each of `durations_s` [s],
+    of full slip by each of `drops_s` [s], and of `edges` at each speed [m/s].
+
+    `episode` gives the contact, its load and its frictions; when its events happen has no meaning
+    here.
+    """
+    bank = _Bank(episode, sensor, rate_hz)
+    made = [each for duration in durations_s for each in bank.of_duration(duration)]
+    made += [bank.of_drop(drop) for drop in drops_s]
+    made += [each for edge in edges for each in bank.of_edge(edge, speeds_m_per_s)]
+    return tuple(made)
+
+
+class _Bank(NamedTuple):
+    episode: Episode
+    sensor: Sensor
+    rate_hz: float
+
+    def of_duration(self, duration_s: float) -> list[EventTemplate]:
+        """Contact, incipient slip, and loss of contact from rest and from sliding."""
+        rest, now = Ramp(-LONG_AGO_S, 1.0), Ramp(0.0, duration_s)
+        slid = Ramp(-LONG_AGO_S / 2, 1.0)
+        first, incipient, _, _, last = KINDS_OF_EVENT
+        return [
+            self._template(first, duration_s, self._with(now)),
+            self._template(incipient, duration_s, self._with(rest, pull=now)),
+            self._template(last, duration_s, self._with(rest, release=now)),
+            self._template(last, duration_s, self._with(rest, pull=slid, release=now)),
+        ]
+
+    def of_drop(self, drop_s: float) -> EventTemplate:
+        """Full slip."""
+        pulled = self._with(Ramp(-LONG_AGO_S, 1.0), pull=Ramp(-1.0, 1.0), drop_s=drop_s)
+        return self._template(KINDS_OF_EVENT[2], FADED * drop_s, pulled)
+
+    def of_edge(self, shape: Shape, speeds_m_per_s: Sequence[float]) -> list[EventTemplate]:
+        """An edge that passes at each speed, from its first touch to its last."""
+        own, edge = self.episode, PassingEdge(shape, 0.0, 1.0)
+        given = own.contact, own.load_N_per_m, own.sliding_friction
+        added = edge.charge(self.sensor, *given, half_cells=COARSE)  # over the way [m]
+        size = np.abs(added(added.x)).max(0)
+        first, last = added.x[size > 1e-3 * size.max()][[0, -1]]
+        made = []
+        for speed in speeds_m_per_s:
+            count = int((last - first) / speed * self.rate_hz) + 2
+            way = first + np.arange(-1, count) * speed / self.rate_hz
+            signal = sampled(self.sensor, added(np.clip(way, *added.x[[0, -1]])), self.rate_hz)
+            made.append(EventTemplate(KINDS_OF_EVENT[3], float((last - first) / speed), signal))
+        return made
+
+    def _with(self, touch: Ramp, **others: Any) -> Episode:
+        own = self.episode
+        given: Any = {"friction": own.friction, "sliding_friction": own.sliding_friction} | others
+        return Episode(own.contact, own.load_N_per_m, touch, **given)
+
+    def _template(self, kind: str, duration_s: float, episode: Episode) -> EventTemplate:
+        count = max(int(np.ceil(duration_s * self.rate_hz)), 1)
+        return EventTemplate(kind, duration_s, episode.signal(self.sensor, self.rate_hz, count))

@@ -1,0 +1,216 @@
+"""Contact events: false alarms as stated, detection against them, delay, and confusion of kinds
+(half an hour).
+
+Noise alone is 2000 s long. Episodes have random fingers, loads, frictions, edges and durations
+(contact_scenes.py), in the noise of the amplifier or a multiple of it. The rows of `roc` have
+single events of these episodes, scaled to a strength d'.
+"""
+
+from collections import Counter
+from functools import cache
+
+import numpy as np
+from scipy.signal import lfilter
+
+from srsinv.forward.episode import KINDS_OF_EVENT
+from srsinv.inverse.events.matched import DetectedEvent, EventDetector, TemplateBank
+from srsinv.inverse.events.threshold import ThresholdDetector, detection_by_threshold, threshold
+from srsinv.inverse.events.whitening import StreamWhitener
+from srsinv.jobs.trials import Row
+from tests.claims.contact_scenes import (
+    JOHNSON_V,
+    RATE_HZ,
+    DrawnEpisode,
+    detector,
+    drawn,
+    templates,
+)
+from tests.claims.study import Study
+
+SECONDS, BLOCK = 2000, 50_000
+SLIDING_V, KEEP = 1e-5, np.exp(-1 / 15)  # noise of sliding, correlated over 15 samples
+EPISODES, STATED_PER_S = 200, 0.1
+STRENGTHS = (3, 4, 5, 6, 8)
+FALSE_ALARMS_PER_S = (1e-3, 1e-2, 0.1, 1.0, 10.0)
+LATE_S = 5e-3  # after an event's end, that its detection may begin
+KINDS = {name.replace(" ", "_"): name for name in KINDS_OF_EVENT}
+
+
+def whitener(noise: str) -> StreamWhitener:
+    """That of noise of this name."""
+    if noise == "white":
+        return StreamWhitener.white([JOHNSON_V] * 2)
+    lags = SLIDING_V**2 * KEEP ** np.arange(33) + JOHNSON_V**2 * (np.arange(33) == 0)
+    return StreamWhitener.of_covariance(np.stack([lags] * 2))
+
+
+def blocks(noise: str, seconds: int):
+    """Noise of this name, block by block."""
+    rng, state = np.random.default_rng(11), np.zeros((2, 1))
+    for _ in range(int(seconds * RATE_HZ) // BLOCK):
+        signal = JOHNSON_V * rng.standard_normal((2, BLOCK))
+        if noise == "coloured":
+            drive = SLIDING_V * np.sqrt(1 - KEEP**2) * rng.standard_normal((2, BLOCK))
+            slow, state = lfilter([1.0], [1.0, -KEEP], drive, zi=state)
+            signal = signal + slow
+        yield signal
+
+
+def rate_with_interval(name: str, count: int, seconds: float) -> Row:
+    """The rate [1/s] and its 95 % interval, as of independent counts."""
+    half = 1.96 * np.sqrt(count + 1)
+    return {
+        f"{name}_per_s": count / seconds,
+        f"{name}_low_per_s": max(count - half, 0) / seconds,
+        f"{name}_high_per_s": (count + half) / seconds,
+    }
+
+
+def of_false_alarms(noise: str, stated_per_s: float) -> Row:
+    """Alarms of both detectors in noise alone, and events that the matched filters report."""
+    of_noise, seconds = whitener(noise), SECONDS
+    simple = ThresholdDetector(of_noise, RATE_HZ, stated_per_s)
+    matched = EventDetector(templates(), of_noise, RATE_HZ, stated_per_s)
+    before, rest = np.zeros((2, of_noise.order)), np.zeros((2, matched.bank.longest))
+    alarms = crossings = events = 0
+    for signal in blocks(noise, seconds):
+        alarms += len(simple.push(signal))
+        events += len(matched.push(signal))
+        rest = np.concatenate([rest[:, -matched.bank.longest :], of_noise(signal, before)], -1)
+        before = signal[:, signal.shape[-1] - of_noise.order :]
+        above = matched.bank(rest).max(0) >= matched.limit
+        crossings += int(np.sum(above[1:] & ~above[:-1]))
+    return {
+        **rate_with_interval("threshold", alarms, seconds),
+        **rate_with_interval("crossings", crossings, seconds),
+        **rate_with_interval("events", events, seconds),
+    }
+
+
+@cache
+def episode(seed: int) -> DrawnEpisode:
+    """One of the episodes, the same for all rows."""
+    return drawn(seed)
+
+
+def matches(events: list[DetectedEvent], own: DrawnEpisode) -> tuple[dict, list[DetectedEvent]]:
+    """The event found for each kind, of those that overlap the true one the strongest of its kind
+    or else of any, and the events that are left."""
+    left, pairs = list(events), {}
+    for kind, onset in own.onsets_s.items():
+        until = own.ends_s[kind] + LATE_S
+        near = [e for e in left if e.onset_s <= until and e.onset_s + e.duration_s >= onset]
+        best = [e for e in near if e.kind == kind] or near
+        if best:
+            pairs[kind] = max(best, key=lambda event: event.strength)
+            left = [each for each in left if each is not pairs[kind]]
+    return pairs, left
+
+
+def of_episodes(elements: int, noise_factor: float) -> Row:
+    """What the detectors report of each kind of event, over all episodes."""
+    noise_V = noise_factor * JOHNSON_V
+    found, simple_found = Counter(), Counter()
+    delays, simple_delays, errors = ({kind: [] for kind in KINDS.values()} for _ in range(3))
+    extra = 0
+    for seed in range(EPISODES):
+        own = episode(seed)
+        rng = np.random.default_rng([12, seed])
+        signal = own.signal[:elements] + noise_V * rng.standard_normal(own.signal.shape)[:elements]
+        matched = detector(STATED_PER_S, elements, noise_V)
+        matched.restart()
+        pairs, left = matches([*matched.push(signal), *matched.finish()], own)
+        extra += len(left)
+        alarms = ThresholdDetector(
+            StreamWhitener.white([noise_V] * elements), RATE_HZ, STATED_PER_S
+        ).push(signal)
+        for kind, onset in own.onsets_s.items():
+            times = [a.time_s for a in alarms if onset <= a.time_s <= own.ends_s[kind]]
+            simple_found[kind] += bool(times)
+            simple_delays[kind] += [times[0] - onset] if times else []
+            if kind in pairs:
+                event = pairs[kind]
+                found[kind, event.answer if event.answer in (kind, "unsure") else "wrong"] += 1
+                delays[kind].append(event.alarm_s - onset)
+                errors[kind].append(event.onset_s - onset)
+    row: Row = {"extra_per_episode": extra / EPISODES}
+    for name, kind in KINDS.items():
+        counts = {each: found[kind, each] for each in (kind, "unsure", "wrong")}
+        row |= {
+            f"{name}_detected": sum(counts.values()) / EPISODES,
+            f"{name}_correct": counts[kind] / EPISODES,
+            f"{name}_unsure": counts["unsure"] / EPISODES,
+            f"{name}_wrong": counts["wrong"] / EPISODES,
+            f"{name}_delay_s": _quantile(delays[kind], 0.5),
+            f"{name}_delay_90_s": _quantile(delays[kind], 0.9),
+            f"{name}_onset_error_s": _quantile(np.abs(errors[kind]), 0.5),
+            f"{name}_threshold_detected": simple_found[kind] / EPISODES,
+            f"{name}_threshold_delay_s": _quantile(simple_delays[kind], 0.5),
+        }
+    return row
+
+
+def _quantile(values, part: float) -> float:
+    return float(np.quantile(values, part)) if len(values) else float("nan")
+
+
+@cache
+def bank() -> TemplateBank:
+    """Templates in white noise."""
+    return TemplateBank(templates(), whitener("white"))
+
+
+@cache
+def limits() -> list[float]:
+    """The matched filters' limits at each rate of false alarms."""
+    return [bank().limit(rate / RATE_HZ) for rate in FALSE_ALARMS_PER_S]
+
+
+def of_roc(event: str, strength: float) -> Row:
+    """Probability of detection at each rate of false alarms, of events that differ from their
+    templates, scaled to one d'. The template captures the part `captured` of d' in the median."""
+    kind, greatest, simple, captured = KINDS[event], [], [], []
+    for seed in range(EPISODES):
+        own = episode(seed)
+        first = int(own.onsets_s[kind] * RATE_HZ)
+        last = int((own.ends_s[kind] + LATE_S) * RATE_HZ)
+        part = own.signal[:, first:last]
+        part = strength * part / np.linalg.norm(part)
+        pad = ((0, 0), (bank().longest, bank().longest))
+        noise = np.random.default_rng([13, seed]).standard_normal(np.pad(part, pad).shape)
+        span = slice(0, part.shape[-1])
+        values = [bank()(np.pad(part, pad)[:, 1:] + added)[:, span] for added in (noise[:, 1:], 0)]
+        greatest.append(values[0].max())
+        captured.append(values[1].max() / strength)
+        simple.append([
+            detection_by_threshold(part, threshold(2, rate / RATE_HZ))
+            for rate in FALSE_ALARMS_PER_S
+        ])  # fmt: skip
+    return {
+        "captured": float(np.median(captured)),
+        "matched": [float(np.mean(np.array(greatest) >= limit)) for limit in limits()],
+        "threshold": np.mean(simple, axis=0).tolist(),
+    }
+
+
+MEASURES = {"false_alarms": of_false_alarms, "episodes": of_episodes, "roc": of_roc}
+
+
+def measured(what: str, **settings) -> Row:
+    """One case."""
+    return MEASURES[what](**settings)
+
+
+def cases() -> list[dict]:
+    """Every case, by its labels."""
+    return [
+        *({"what": "false_alarms", "noise": noise, "stated_per_s": 1.0}
+          for noise in ("white", "coloured")),
+        *({"what": "episodes", "elements": elements, "noise_factor": factor}
+          for elements in (2, 1) for factor in (1.0, 3.0)),
+        *({"what": "roc", "event": event, "strength": strength}
+          for event in KINDS for strength in STRENGTHS),
+    ]  # fmt: skip
+
+
+STUDY = Study("contact_events", measured, cases)
