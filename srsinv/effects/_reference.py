@@ -174,6 +174,14 @@ class ReferenceSpectra:
         """Relative rms of a change with this spectrum, behind the other effects."""
         return self.rms(self.transfer_of_others * change) / self.signal_rms
 
+    def relative_difference(
+        self, one: Inexact[np.ndarray, "e k"], other: Inexact[np.ndarray, "e k"]
+    ) -> float:
+        """The difference of two signals behind the other effects, over the smaller one and what
+        saturation leaves of it."""
+        raised = max(1.0, self.rms(self.transfer_of_others * self.signal) / self.signal_rms)
+        return raised * self.rms(one - other) / max(min(map(self.rms, (one, other))), TINY)
+
     def relative_rms_of_modulus(self, modulus: Float[np.ndarray, "e k"]) -> float:
         """Bound on `relative_rms` for a change known by the modulus of its spectrum alone: it may
         lie where most samples are."""
