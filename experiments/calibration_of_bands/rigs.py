@@ -10,17 +10,18 @@ from jaxtyping import Float
 
 import srsinv
 from srsinv.forward.feature import LineFeature
+from srsinv.forward.planar import Circle, ObliqueRidge, PathScan
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, as_real
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.line.problem import LineProblem
+from srsinv.inverse.planar.finder import DirectionFinder
+from srsinv.inverse.planar.signal import RidgeShape
 from srsinv.inverse.problem import Problem
 from srsinv.inverse.rig.calibration import calibrate
 from srsinv.inverse.rig.setup import Setup
 from srsinv.inverse.wiener import Exponential
 
-from ..circular_scan.circular import Circle, Circling, ObliqueRidge
-from ..circular_scan.direction import DirectionFinder
 from .fits import Ranges, parameter_ranks, real
 from .inversions import DrawnTraction
 from .ranks import RankedMethod, Ranks, drawn, noisy
@@ -134,7 +135,8 @@ class RankedDirection(RankedMethod):
 
     def ranks(self, rng: np.random.Generator, draws: int) -> Mapping[str, Ranks]:
         circle = Circle(**CIRCLE)
-        circling, finder = Circling(self.sensor, circle), DirectionFinder(self.sensor, circle)
+        circling = PathScan(self.sensor, circle)
+        finder = DirectionFinder(circling, RidgeShape())
 
         def one() -> dict[str, float]:
             truth = RIDGE_RANGES.draw(rng)

@@ -9,18 +9,20 @@ import numpy as np
 from srsinv import config
 from srsinv.errors import number, numbers, refuse, whole
 from srsinv.forward.oblique import gain_of_angle
+from srsinv.forward.planar import Circle, ObliqueRidge, PathScan
 from srsinv.forward.scan import ConstantSpeed
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Periodic
+from srsinv.inverse.planar.finder import Direction, DirectionFinder
+from srsinv.inverse.planar.signal import RidgeShape
 from srsinv.progress import stage
 from srsinv.report.data import dataset, scalars
 from srsinv.report.result import Result
 from srsinv.report.section import sections
 from srsinv.report.text import listed
 
-from .circular import Circle, Circling, ObliqueRidge
-from .direction import Direction, DirectionFinder, angle_bounds_deg
+from .direction import angle_bounds_deg
 from .figures import errors, on_the_circle
 
 LEAST = 1e-12  # of a ridge's width [m] and load [N/m]
@@ -41,7 +43,8 @@ def run(cfg: config.Config) -> Result:
     rng = np.random.default_rng(config.seed(cfg))
     with config.precision(cfg):
         sensor, circle = config.sensor(cfg), Circle(**settings["circle"])
-        circling, finder = Circling(sensor, circle), DirectionFinder(sensor, circle)
+        circling = PathScan(sensor, circle)
+        finder = DirectionFinder(circling, RidgeShape())
         ridges = [ObliqueRidge(np.deg2rad(angle), **settings["ridge"]) for angle in truth]
         with stage("finding the directions"):
             clean = np.stack([circling(ridge) for ridge in ridges])

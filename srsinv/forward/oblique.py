@@ -21,7 +21,7 @@ from .film import Film, LineEffect, StripAverage
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
 from .simulation import response
-from .turned_skin import StripLength, TurnedSkin, cosine
+from .turned_skin import TurnedSkin, cosine, with_length
 
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
 
@@ -49,9 +49,7 @@ def turned(sensor: Sensor, angle_rad) -> Sensor:
 def _turned(sensor: Sensor, angle_rad: Float[Array, ""]) -> Sensor:
     def one(film: Film) -> Film:
         along = turned_film(film, angle_rad)
-        if film.turn_rad is not None:
-            return along
-        return along.with_effect(StripLength(film.length_m * jnp.sin(angle_rad)))
+        return along if film.turn_rad is not None else with_length(along, angle_rad)
 
     longer = tuple(each.scaled(1 / cosine(angle_rad)) for each in sensor.envelopes)
     parts = TurnedSkin(sensor.skin, angle_rad), tuple(one(film) for film in sensor.elements), longer

@@ -158,16 +158,24 @@ def along_x(film: Film, skin: Skin) -> tuple[Film, Skin]:
     is_oblique = isinstance(skin, TurnedSkin)
     beneath, sliding = (skin.skin, skin.sliding_rad) if is_oblique else (skin, as_real(0.0))
     angle = (skin.angle_rad if is_oblique else sliding) - film.turn_rad
-    return in_own_axes(film, angle), TurnedSkin(beneath, angle, sliding)
+    # Its length lies along x, too, and acts within the finger as its width does.
+    length = StripAverage(film.length_m * jnp.sin(angle), LENGTH_NODES)
+    turned = TurnedSkin(beneath, angle, sliding)
+    return in_own_axes(film, angle).with_effect(length), turned
+
+
+def with_length(film: Film, angle_rad: Float[Array, ""]) -> Film:
+    """The film with the mean over its strip's length, under features whose normal makes the angle
+    `angle_rad` with the strip's width."""
+    return film.with_effect(StripLength(film.length_m * jnp.sin(angle_rad)))
 
 
 def in_own_axes(film: Film, angle_rad: Float[Array, ""]) -> Film:
-    """The film without its turn, over features whose normal makes the angle `angle_rad` with its
-    own x axis: its strip's width and length are those along the normal."""
+    """The film without its turn, under features whose normal makes the angle `angle_rad` with its
+    strip's width: the width is that along the normal."""
     c = cosine(angle_rad)
     effects = tuple(
         effect.scaled(c) if isinstance(effect, StripAverage) else effect for effect in film.effects
     )
-    length = StripAverage(film.length_m * jnp.sin(angle_rad), LENGTH_NODES)
     film = eqx.tree_at(lambda f: f.turn_rad, film, None, is_leaf=lambda leaf: leaf is None)
-    return eqx.tree_at(lambda f: f.effects, film, (*effects, length))
+    return eqx.tree_at(lambda f: f.effects, film, effects)

@@ -4,11 +4,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
-from experiments.circular_scan.direction import DirectionFinder, angle_bounds_deg
+from experiments.circular_scan.direction import angle_bounds_deg
 from srsinv.forward.amplifier import ChargeReadout
 from srsinv.forward.film import Film, StripAverage
+from srsinv.forward.planar import Circle, ObliqueRidge, PathScan
 from srsinv.forward.sensor import Sensor
+from srsinv.inverse.planar.finder import DirectionFinder
+from srsinv.inverse.planar.signal import RidgeShape
 from tests.refusals import refused
 
 CIRCLE = Circle(radius_m=6e-3, samples=192)
@@ -26,7 +28,8 @@ def sensor(elements):
 def directions(request):
     """Every ridge with the one found at 20 dB, and without noise the first."""
     device, rng = sensor(request.param), np.random.default_rng(request.param)
-    finder, circling = DirectionFinder(device, CIRCLE), Circling(device, CIRCLE)
+    circling = PathScan(device, CIRCLE)
+    finder = DirectionFinder(circling, RidgeShape())
     pairs = []
     for angle, distance in RIDGES:
         clean = np.asarray(circling(ObliqueRidge(np.deg2rad(angle), distance, 1.0, 0.5e-3, -0.4)))
@@ -82,7 +85,7 @@ def test_standard_errors_are_those_of_the_noise(directions):
 @pytest.mark.claim
 def test_standard_error_of_an_angle_is_at_the_bound(directions):
     """At 20 dB the model is nearly linear over the error: fits reach Cramer and Rao's bound."""
-    circling = Circling(sensor(directions[0][0][2].shape[0]), CIRCLE)
+    circling = PathScan(sensor(directions[0][0][2].shape[0]), CIRCLE)
     for (angle, distance, _), direction in directions:
         ridge = ObliqueRidge(0.0, distance, 1.0, 0.5e-3, -0.4)
         (bound,) = np.asarray(
@@ -93,5 +96,7 @@ def test_standard_error_of_an_angle_is_at_the_bound(directions):
 
 def test_refused():
     offset_unknown = Sensor([Film()], amplifier=ChargeReadout(1.0))
-    refused(lambda: DirectionFinder(offset_unknown, CIRCLE), "offset is not known")
-    refused(lambda: DirectionFinder(sensor(1), CIRCLE, (1e-3, 5e-4)), "width_range_m")
+    unknown, known = PathScan(offset_unknown, CIRCLE), PathScan(sensor(1), CIRCLE)
+    refused(lambda: DirectionFinder(unknown, RidgeShape()), "offset is not known")
+    widths = {"width_m": (1e-3, 5e-4)}
+    refused(lambda: DirectionFinder(known, RidgeShape(), widths), "width_m has the range")

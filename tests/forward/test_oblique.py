@@ -8,12 +8,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier
 from srsinv.forward.film import Film, LineEffect, Offset, SampleAverage, StripAverage
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.oblique import turned, turned_scan
+from srsinv.forward.planar import Circle, ObliqueRidge, PathScan
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -274,7 +274,7 @@ CHARGE = ChargeReadout(1.0, 0.0)
 
 def round_once(amplifier, samples=1024, **changed):
     ridge = ObliqueRidge(**(PLACE | {"friction": -0.4} | changed))
-    return np.asarray(Circling(Sensor(FILMS, amplifier=amplifier), Circle(samples=samples))(ridge))
+    return np.asarray(PathScan(Sensor(FILMS, amplifier=amplifier), Circle(samples=samples))(ridge))
 
 
 @pytest.mark.full
@@ -288,7 +288,7 @@ def test_the_straight_model_where_the_finger_moves_along_x(amplifier, friction):
     xi = jnp.asarray([10e-3 * np.cos(-np.pi / 2 - angle) + 7e-3])
     each = eqx.filter_jit(stage.cell_response)(xi, ridge.width_m)[..., 0]
     expected = 1.5 / 4e-4 * (each[:, 0] + friction * each[:, 1])
-    np.testing.assert_allclose(Circling(sensor, circle)(ridge)[:, 0], expected, rtol=1e-9)
+    np.testing.assert_allclose(PathScan(sensor, circle)(ridge)[:, 0], expected, rtol=1e-9)
 
 
 @pytest.mark.full
@@ -328,7 +328,7 @@ def test_gradients_on_the_circle(angle):
 @eqx.filter_jit
 def circled(factors):
     """The signal of a ridge whose parameters are so many times the nominal ones."""
-    circling = Circling(Sensor(FILMS[:1]), Circle(samples=32))
+    circling = PathScan(Sensor(FILMS[:1]), Circle(samples=32))
     nominal = jnp.asarray([1.0, *list(PLACE.values())[1:], -0.4])
     return 1e6 * circling(ObliqueRidge(*(factors * nominal)))[0]
 
@@ -392,7 +392,7 @@ def test_single_precision():
         line, sensor = Open(48, 2e-4, -4.7e-3), Sensor(films)
         traction = as_real(np.stack([p, 0.4 * p]))
         silent = oblique(np.pi / 2, line, sensor, traction)
-        circling = Circling(sensor, Circle(samples=64))(ObliqueRidge(1.1, 2e-3, friction=0.3))
+        circling = PathScan(sensor, Circle(samples=64))(ObliqueRidge(1.1, 2e-3, friction=0.3))
         return oblique(1.1, line, sensor, traction), circling, silent
 
     *double, _ = simulate()
@@ -430,7 +430,7 @@ def test_an_effect_of_ones_own_on_a_circle():
 
     def signal(*effects):
         sensor = Sensor([Film(effects=effects)])
-        return np.asarray(Circling(sensor, Circle(samples=16))(ridge))
+        return np.asarray(PathScan(sensor, Circle(samples=16))(ridge))
 
     mean = (signal(Offset(-2e-4)) + signal(Offset(2e-4))) / 2
     np.testing.assert_allclose(signal(Twin(2e-4)), mean, atol=1e-12 * np.abs(mean).max())
@@ -441,9 +441,9 @@ def test_refused():
     refused(lambda: turned_scan(ConstantSpeed(), np.nan), "angle_rad is nan")
     refused(lambda: turned(Sensor([Film(effects=(Echo(),))]), 0.5), "Echo", "effects")
     average = Sensor([Film(effects=(SampleAverage(3, 1e-5),))])
-    refused(lambda: Circling(average, Circle()), "SampleAverage")
+    refused(lambda: PathScan(average, Circle()), "SampleAverage")
     filtered = Sensor([Film()], filters=(FirstOrder(1e-3),))
-    refused(lambda: Circling(filtered, Circle()), "1 filters")
+    refused(lambda: PathScan(filtered, Circle()), "1 filters")
     assert turned(filtered, 0.5).filters == filtered.filters
     refused(lambda: Circle(radius_m=0.0), "circle.radius_m is 0.0")
     refused(lambda: Circle(samples=4), "circle.samples is 4")

@@ -10,7 +10,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from experiments.circular_scan.circular import Circle, Circling, ObliqueRidge
 from srsinv.forward.amplifier import ChargeReadout, CurrentAmplifier, IntegratedCurrent
 from srsinv.forward.contact import press
 from srsinv.forward.feature import (
@@ -24,6 +23,7 @@ from srsinv.forward.film import Film, Offset, Piezo, SampleAverage, StripAverage
 from srsinv.forward.filter import Butterworth, FirstOrder
 from srsinv.forward.layered import Layer, Layered
 from srsinv.forward.oblique import turned, turned_scan
+from srsinv.forward.planar import Circle, ObliqueRidge, PathScan
 from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
@@ -156,7 +156,7 @@ def circular(v: Numbers):
     films = [Film(v["depth_m"], v["angle_rad"], effects=(StripAverage(v["strip_width_m"]),))]
     circle = Circle(v["radius_m"], v["speed_m_per_s"], 16)
     ridge = ObliqueRidge(v["ridge_rad"], v["distance_m"], 1.3, v["width_m"], v["friction"])
-    return Circling(Sensor(films), circle)(ridge)
+    return PathScan(Sensor(films), circle)(ridge)
 
 
 def contact(v: Numbers):

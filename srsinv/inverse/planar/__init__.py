@@ -1,0 +1,1 @@
+"""Straight features in the plane: their direction from circles and passes, and the next pass."""

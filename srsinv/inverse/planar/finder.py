@@ -1,0 +1,178 @@
+"""Direction of a ridge or a grating, from the signals of all elements on circles and passes.
+
+A ridge that crosses a circle is met twice, at a = phi +- arccos(d/r): the times determine its angle
+and distance, the amplitudes its load and friction. Both of these enter linearly. A search over
+angle and distance, or over angle and pitch, gives the starts of a nonlinear fit.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float
+
+from ...compiled import compiled
+from ...errors import number, refuse
+from ...forward.planar import PathScan
+from ...grid import as_real
+from ..features.search import separated
+from ..nonlinear import Fit, fit
+from .signal import LINEAR, PlanarSignal, Range, StraightFeature
+
+AT_ONCE = 64  # trials
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The fitted feature.
+
+    - `parameters`: (value, standard error) of `angle_deg` (from x to the feature's normal, from 0
+      to 180), `distance_m`, `load_N_per_m`, `friction`, and `width_m` of a ridge or `pitch_m` of a
+      grating, whose distance is from 0 to its pitch.
+    - `fit`: the fit below, and `signal` (e, sample) its signal.
+    """
+
+    parameters: Mapping[str, tuple[float, float]]
+    fit: Fit
+    signal: Float[np.ndarray, "e sample"]
+
+
+class DirectionFinder:
+    """Finds the direction of a straight feature in signals of one sensor on given paths.
+
+    - `scans`: the sensor on each path, or on one of them.
+    - `feature`: a [`RidgeShape`][] or a [`GratingShape`][].
+    - `ranges`: `{name: (low, high)}` of `distance_m`, `width_m` or `pitch_m`, in place of those
+      that follow from the paths and the films' depth.
+    - `priors`: `{name: (mean, standard deviation)}`, Gaussian, as [`srsinv.fit`][] takes them.
+
+    Computations that do not depend on the signal are done once. Raises `BadInput` for an invalid
+    range, and a readout whose offset is not known.
+    """
+
+    def __init__(
+        self,
+        scans: PathScan | Sequence[PathScan],
+        feature: StraightFeature,
+        ranges: Mapping[str, Range] | None = None,
+        priors: Mapping[str, tuple[float, float]] | None = None,
+    ):
+        scans = (scans,) if isinstance(scans, PathScan) else tuple(scans)
+        sensor, self._priors = scans[0].sensor, priors
+        refuse(
+            sensor.amplifier.offset is None,
+            "The readout's offset is not known: give amplifier.offset, or amplifier=current.",
+        )
+        depth = float(sensor.depth_m)
+        self._reach = max(scan.path.reach_m for scan in scans)
+        given = {name: _range(name, each) for name, each in (ranges or {}).items()}
+        self._ranges = feature.ranges(self._reach, depth) | given
+        self.signal = PlanarSignal(feature, scans)
+        cell = feature.cell_m(self._ranges, depth)
+        self._sizes = [scan.path.group_size(cell) for scan in scans]
+        self._trials = feature.trials(self._reach, cell, self._ranges)
+        coarse = tuple(
+            PathScan(scan.sensor, scan.path.coarser(size))
+            for scan, size in zip(scans, self._sizes, strict=True)
+        )
+        trials = {name: as_real(values) for name, values in self._trials.items()}
+        within = {name: tuple(map(as_real, each)) for name, each in self._ranges.items()}
+        self._bank = np.asarray(_columns(PlanarSignal(feature, coarse), trials, within))
+
+    def __call__(
+        self,
+        y: Float[np.ndarray, "e sample"],
+        noise_rms: float | Float[np.ndarray, " e"] | None = None,
+    ) -> Direction:
+        """Fit the feature to `y`, the samples of one path after those of the other.
+
+        `noise_rms`: of all elements, or of each (e,); None: the same in all, its level from the
+        residual.
+        """
+        y, scans = np.asarray(y, float), self.signal.scans
+        shape = len(scans[0].sensor.elements), sum(scan.path.samples for scan in scans)
+        refuse(
+            y.shape != shape,
+            f"The signal has the shape {y.shape}: give (element, sample) as the sensor and the "
+            f"circle have them, {shape}.",
+        )
+        rms = np.ones(shape[0]) if noise_rms is None else np.broadcast_to(noise_rms, shape[0])
+        first, *others = self._starts(y, rms)
+        starts = {name: [each[name] for each in others] for name in first} if others else None
+        free = [name for name in self._ranges if name in first]
+        noise = None if noise_rms is None else np.broadcast_to(rms[:, None], shape)
+        fitted = fit(
+            self.signal,
+            first | dict.fromkeys(LINEAR, 0.0),
+            y,
+            noise=noise,
+            bounds={name: self._ranges[name] for name in free},
+            priors=self._priors,
+            starts=starts,
+            linear=LINEAR,
+            max_searches=1 if self._priors is None else len(others) + 1,
+        )
+        signal = self.signal(jax.tree.map(as_real, fitted.value))
+        return Direction(_canonical(fitted), fitted, np.asarray(signal))
+
+    def _starts(self, y: np.ndarray, rms: np.ndarray) -> list[dict[str, float]]:
+        """Parameters to start from, the best first: those whose best amplitudes explain most."""
+        means, at = [], 0
+        for scan, size in zip(self.signal.scans, self._sizes, strict=True):
+            own = np.nan_to_num(y[:, at : at + scan.path.samples // size * size])
+            means.append(own.reshape(len(y), -1, size).mean(axis=-1))
+            at += scan.path.samples
+        weighted = np.concatenate(means, axis=-1) / rms[:, None]
+        bank = (self._bank / rms[:, None]).reshape(*self._bank.shape[:2], -1)
+        gram = bank @ bank.swapaxes(1, 2)
+        # Slightly damped, for features that the paths hardly meet.
+        count = gram.shape[-1]
+        gram = gram + 1e-9 * np.trace(gram.mean(axis=0)) * np.eye(count) + 1e-300
+        projections = bank @ weighted.ravel()
+        amplitudes = np.linalg.solve(gram, projections[..., None])[..., 0]
+        explained = np.sum(projections * amplitudes, axis=-1)
+        feature, values = self.signal.feature, list(self._trials.values())
+        return [
+            feature.start(
+                {name: float(each[at]) for name, each in self._trials.items()},
+                amplitudes[at],
+                self._ranges,
+            )
+            for at in separated(values, explained)
+        ]
+
+
+def _range(name: str, given: Range) -> Range:
+    low, high = (number(name, each, "two lengths in metres") for each in given)
+    refuse(
+        not low < high or (name != "distance_m" and low <= 0),
+        f"{name} has the range [{low}, {high}]: give the lesser length first, and leave room "
+        "between; widths and pitches are positive.",
+    )
+    return float(low), float(high)
+
+
+def _canonical(fitted: Fit) -> dict[str, tuple[float, float]]:
+    """Reported parameters: of the two equivalent angles the one from 0 to 180 degrees."""
+    half_turns, angle = divmod(float(fitted.value["angle_deg"]), 180.0)
+    distance = (-1.0 if half_turns % 2 else 1.0) * float(fitted.value["distance_m"])
+    value = {name: float(each) for name, each in fitted.value.items()}
+    if "pitch_m" in value:
+        distance %= value["pitch_m"]
+    value |= {"angle_deg": angle, "distance_m": distance}
+    read = {name: (value[name], float(fitted.stderr[name])) for name in value if name != LINEAR[1]}
+    return read | {"friction": fitted.ratio(*reversed(LINEAR))}
+
+
+@compiled
+def _columns(
+    signal: PlanarSignal, trials: Mapping[str, Any], ranges: Mapping[str, Any]
+) -> Float[Array, "start column e sample"]:
+    def at(trial):
+        return jax.numpy.concatenate(
+            [signal.feature.columns(scan, trial, ranges) for scan in signal.scans], axis=-1
+        )
+
+    return jax.lax.map(at, trials, batch_size=AT_ONCE)
