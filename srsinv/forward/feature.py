@@ -96,6 +96,15 @@ class ShapeFamily(_Module):
         default = {name: axis.default(stretch) for name, axis in self.axes.items()}
         return default | dict(self.search_ranges)
 
+    @property
+    def reported(self) -> tuple[str, ...]:
+        """Names of the parameters of the shape, as they are reported."""
+        return tuple(self.axes)
+
+    def from_reported(self, values: Mapping[str, float]) -> dict[str, float]:
+        """Parameters of the shape, of values by reported names."""
+        return dict(values)
+
     def axis_starts(self, stretch: ScanExtent) -> dict[str, np.ndarray]:
         """Values of each parameter of the shape to start from. Raises `BadInput` for a family
         that defines none."""

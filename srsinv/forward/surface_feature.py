@@ -5,17 +5,18 @@ and lengths do not.
 """
 
 import abc
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import equinox as eqx
 import numpy as np
 
-from ..errors import BadInput, number
+from ..errors import BadInput, echo, is_number, number, refuse
 from ..grid import Scalar
 from .feature import POSITION, Axis, Range, ScanExtent, ShapeFamily
 from .shape import FOLLOWS, Shape, follows
-from .surface import Ridge, StepDown, StepUp, Tape
+from .surface import Cylinder, Ridge, StepDown, StepUp, Tape
 
 LEAST_HEIGHT_M, GREATEST_HEIGHT_M = 1e-7, 1e-3
 HEIGHTS = 7  # tried: the signal goes from linear in the height to independent of it
@@ -71,6 +72,7 @@ class SurfaceFeature(ShapeFamily):
     """
 
     is_of_surface: ClassVar[bool] = True
+    has_edges: ClassVar[bool] = True  # which rise over a length that has to be known
     frictions: ClassVar[tuple[str, ...]] = ()
     edge_length_m: float | None = eqx.field(static=True)
 
@@ -84,8 +86,8 @@ class SurfaceFeature(ShapeFamily):
         return self.frictions
 
     def with_edge(self, edge_length_m: Any) -> "SurfaceFeature":
-        """The same feature with edges that rise over this length."""
-        return self._with(edge_length_m=_edge_length(edge_length_m))
+        """The same feature with edges that rise over this length; itself where it has none."""
+        return self._with(edge_length_m=_edge_length(edge_length_m)) if self.has_edges else self
 
     @property
     def edge_m(self) -> float:
@@ -187,3 +189,95 @@ class StepDownFeature(SurfaceFeature):
 
     def shape(self, own: Mapping[str, Scalar]) -> Shape:
         return StepDown(**own)
+
+
+LEAST_RADIUS_M, GREATEST_RADIUS_M = 1e-6, 1e-2
+RADII = 4  # tried: the signal is nearly linear in the radius
+# Above 0, where the derivative of the angle by its squared sine is infinite.
+LEAST_SINE_SQUARED = 1e-10
+GREATEST_ANGLE_DEG = 75.0
+ANGLE_STEP_DEG = 7.5  # of angles that are tried
+
+
+def _radii(within: Range, stretch: ScanExtent) -> np.ndarray:
+    del stretch
+    return np.geomspace(max(within[0], within[1] / 100), within[1], RADII + 2)[1:-1]
+
+
+def _sines_squared(within: Range, stretch: ScanExtent) -> np.ndarray:
+    """Those of angles in equal steps."""
+    del stretch
+    low, high = np.degrees(np.arcsin(np.sqrt(within)))
+    steps = max(1, round((high - low) / ANGLE_STEP_DEG))
+    middles = low + (np.arange(steps) + 0.5) * (high - low) / steps
+    return np.sin(np.radians(middles)) ** 2
+
+
+RADIUS = Axis(lambda _: (LEAST_RADIUS_M, GREATEST_RADIUS_M), _radii, (0.0, np.inf))
+SINE_SQUARED = Axis(
+    lambda _: (LEAST_SINE_SQUARED, math.sin(math.radians(GREATEST_ANGLE_DEG)) ** 2),
+    _sines_squared,
+    (0.0, 1.0),
+)
+
+
+class CylinderFeature(SurfaceFeature):
+    """A rigid cylinder that the skin touches alone, its axis turned in the plane of the skin, to be
+    fitted (Fearing and Binford 1991, by stress-rate signals).
+
+    - `angle_deg`: from the sliding direction to the normal of its axis, where it is known, from 0
+      to below 90; None fits it. 0: the axis is across the sliding direction.
+    - `angle_range_deg`, `radius_range_m`, `position_range_m`: (least, greatest) that are searched;
+      None: angles up to 75, radii from 1e-6 to 1e-2, and all of the scan.
+
+    A fit reports `radius_m`, `position_m` [m], where the scan crosses the axis, `angle_rad` and
+    `base_friction`. A straight scan has the same signal at both signs of the angle, so that it is
+    the size of the angle which is reported. The fit's parameter is its squared sine, in which the
+    signal is smooth at 0. Raises `BadInput` for an angle or a range that is none.
+    """
+
+    has_edges: ClassVar[bool] = False
+    angle_deg: float | None = eqx.field(static=True)
+
+    def __init__(self, angle_deg: Any = None, angle_range_deg: Any = None, **given: Any):
+        if angle_deg is not None:
+            wanted = "an angle from 0 to below 90 degrees, or null to fit it"
+            angle_deg = float(number("feature.angle_deg", angle_deg, wanted, least=0, below=90))
+        self.angle_deg = angle_deg
+        super().__init__(None, **given)
+        if angle_range_deg is not None:
+            refuse(
+                angle_deg is not None,
+                "feature.angle_deg and feature.angle_range_deg are both given: leave one out.",
+            )
+            own = "sine_squared", _sine_squared_range(angle_range_deg)
+            self.search_ranges = (*self.search_ranges, own)
+
+    @property
+    def axes(self) -> Mapping[str, Axis]:  # pyright: ignore[reportIncompatibleVariableOverride]
+        known = {"radius_m": RADIUS, "position_m": POSITION}
+        return known if self.angle_deg is not None else known | {"sine_squared": SINE_SQUARED}
+
+    @property
+    def reported(self) -> tuple[str, ...]:
+        return tuple("angle_rad" if name == "sine_squared" else name for name in self.axes)
+
+    def from_reported(self, values: Mapping[str, float]) -> dict[str, float]:
+        own = dict(values)
+        if "angle_rad" in own:
+            own["sine_squared"] = max(math.sin(own.pop("angle_rad")) ** 2, LEAST_SINE_SQUARED)
+        return own
+
+    def shape(self, own: Mapping[str, Scalar]) -> Shape:
+        return Cylinder(own["radius_m"], own["position_m"])
+
+
+def _sine_squared_range(given: Any) -> Range:
+    pair = isinstance(given, list | tuple) and len(given) == 2 and all(map(is_number, given))
+    refuse(
+        not pair or not 0 <= given[0] < given[1] < 90,
+        f"feature.angle_range_deg is {echo(given)}: give [least, greatest] from 0 to below 90 "
+        "degrees, or null to search up to 75.",
+    )
+    low, high = (math.sin(math.radians(each)) ** 2 for each in given)
+    return max(low, LEAST_SINE_SQUARED), high

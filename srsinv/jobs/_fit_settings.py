@@ -37,7 +37,7 @@ def traction_fit(features: Features, solver: Solver, settings: Mapping[str, Any]
         refuse(
             bool(settings[key]),
             f"fit.{key} is {echo(settings[key])}, but it is only for features of a "
-            "surface (ridge, tape, step_up, step_down): leave it out.",
+            "surface (ridge, tape, step_up, step_down, cylinder): leave it out.",
         )
     return FeatureFit(features, solver)
 
@@ -57,7 +57,7 @@ def surface_fit(
     free = names_of("fit.free", settings["free"])
     start = {} if settings["start"] is None else dict(mapping("fit.start", settings["start"]))
     several = len(features) > 1
-    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.axes]
+    own = [f"{n}_{a}" if several else a for n, f in features.items() for a in f.reported]
     for name, value in start.items():
         check_name("fit.start", name, own)
         number(f"fit.start.{name}", value, "a number, in SI units, or leave it out")
@@ -67,7 +67,7 @@ def surface_fit(
 def with_edge(name: str, feature: SurfaceFeature, facts: Mapping[str, Any]) -> SurfaceFeature:
     """The feature with the edge length of the sidecar's `facts`, where it has none of its own;
     raises `BadInput` where neither is known."""
-    if feature.edge_length_m is not None:
+    if feature.edge_length_m is not None or not feature.has_edges:
         return feature
     known = (facts.get("feature") or {}).get("edge_length_m")
     refuse(

@@ -59,7 +59,7 @@ def run(cfg: config.Config) -> Result:
         key, solver = config.random_key(cfg), config.solver(cfg)
         if on_surface:
             names, features = list(scene["surfaces"] or ()), config.surface_features(cfg)
-            shape = SceneShape.of(config.scene(cfg), names, features)
+            shape = SceneShape.of(config.scene(cfg), names, features, _angle(given["angle_deg"]))
             cases = [KnownShape.in_window(shape, sampled, _window(given["window_m"]), solver)]
             keys = [key]
         else:
@@ -101,6 +101,12 @@ def _window(given: Any) -> Window:
         f"coverage.window_m is {echo(given)}: give [start, end] in metres.",
     )
     return Window(float(given[0]), float(given[1]))
+
+
+def _angle(given: Any) -> float | None:
+    wanted = "an angle above 0 and below 90 degrees, or null for a known angle of 0"
+    key = "coverage.angle_deg"
+    return None if given is None else float(number(key, given, wanted, above=0, below=90))
 
 
 def _truth(given: Any, on: SyntheticScan, name: str, feature: Feature) -> Mapping[str, float]:

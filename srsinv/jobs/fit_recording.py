@@ -39,6 +39,8 @@ STRETCH = "stretch_start_m", "stretch_end_m"
 IN_TITLE = {
     "height_m": "{} high",
     "width_m": "{} wide",
+    "radius_m": "of radius {}",
+    "angle_rad": "turned by {}",
     "friction": "friction {}",
     "base_friction": "friction {}",
 }
@@ -154,7 +156,7 @@ def _of_fit(fitted: FittedRecording, solver: Solver) -> dict[str, Any]:
             "contact_window_m": float(model.line.cell_m * model.line.n),
             "cells": model.line.n,
             "cell_m": float(model.line.cell_m),
-            "edges_m": [float(each.edge_m) for each in best.features.values()],
+            "edges_m": [float(each.edge_m) for each in best.features.values() if each.has_edges],
         }
     return facts
 

@@ -449,7 +449,7 @@ class Loads(NamedTuple):
             return None
         model, params = fitted.model, {**fitted.fit.value, "calibration": np.zeros(fitted.facts)}
         model, params = model.at_facts(jax.tree.map(as_real, params))
-        operator = model.loading.operator(model.operator, params)
+        operator = model.loading.operator(model.operator, model.features, params)
         x, line = np.asarray(motion.position_m), np.asarray(model.line.x)
         count = min(int(np.ptp(x) / (APART * depth_m)) + 1, MOST_PLACES)
         places, widths_m = np.linspace(x.min(), x.max(), count), depth_m * np.array(WIDTHS)

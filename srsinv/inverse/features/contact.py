@@ -130,14 +130,20 @@ class ContactLoading(Loading):
         (p, q), *_ = self._sliding(line, surface, contact, params, (True,))
         return jnp.stack([p, q, height, contact.gap_m, surface.friction(line)])
 
-    def operator(self, operator: MotionOperator, params: Any) -> MotionOperator:
+    def operator(self, operator: MotionOperator, features: Features, params: Any) -> MotionOperator:
         if "depth_m" not in params:
             return operator
+        sensor = self.sensor_at(params)
+        return sensor.operator_along(operator.line, self.motion, directions=operator.directions)
+
+    def sensor_at(self, params: Any) -> Sensor:
+        """The sensor with its films at the depth that is fitted, if it is."""
+        if "depth_m" not in params:
+            return self.sensor
         # The shallowest film is at this depth, and the others move with it.
         change_m = params["depth_m"] - self.sensor.depth_m
         depths = [film.depth_m + change_m for film in self.sensor.elements]
-        sensor = eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
-        return sensor.operator_along(operator.line, self.motion, directions=operator.directions)
+        return eqx.tree_at(lambda s: [film.depth_m for film in s.elements], self.sensor, depths)
 
     def at(self, sensor: Sensor, motion: Motion) -> "ContactLoading":
         return dataclasses.replace(self, sensor=sensor, motion=motion)
@@ -152,7 +158,7 @@ class ContactLoading(Loading):
             pressure = setup.nominal_pressure * self.nominal_pressure_Pa
             changed["nominal_pressure_Pa"] = pressure
         if "edge_length_m" not in self.also:
-            for name in features:
+            for name in (name for name, feature in features.items() if feature.has_edges):
                 edge = params[name]["edge_length_m"] + setup.edge_length_by_m
                 changed[name] = {**params[name], "edge_length_m": edge}
         return changed
@@ -247,7 +253,8 @@ class ContactLoading(Loading):
         return float(self.stated_depth_m)
 
     def begun(self, feature: Any) -> dict[str, float]:
-        return dict.fromkeys(feature.frictions, 0.0) | {"edge_length_m": feature.edge_m}
+        edge = {"edge_length_m": feature.edge_m} if feature.has_edges else {}
+        return dict.fromkeys(feature.frictions, 0.0) | edge
 
     def bounds(self, line: Line, features: Features, stretch: ScanExtent) -> dict[str, Range]:
         bounds: dict[str, Range] = {}
@@ -319,6 +326,8 @@ class ContactLoading(Loading):
 
 def cell_for(features: Features, depth_m: float) -> float:
     """How wide the cells may be."""
+    if not any(feature.has_edges for feature in features.values()):
+        return cell_m("load", depth_m)
     edges = [feature.edge_length_m for feature in features.values() if feature.edge_length_m]
     return min([cell_m("contact", depth_m), *(edge / CELLS_PER_EDGE for edge in edges)])
 
@@ -407,7 +416,8 @@ def checked_pressure(given: Any) -> float:
     refuse(
         given is None,
         "The nominal pressure on the surface is not known: give "
-        "recording.nominal_pressure_Pa, the mean over the contact window.",
+        "recording.nominal_pressure_Pa, the mean over the contact window, or simulate on a "
+        "periodic line.",
     )
     wanted = "a positive pressure in Pa"
     return float(number("recording.nominal_pressure_Pa", given, wanted, above=0))

@@ -109,7 +109,12 @@ class FeatureEstimate(Estimate):
             "parameters": parameters,
             "log_evidence": log_evidence,
             "status": fit.status,
-            "warnings": (*fit.warnings, *missed, *noise_warnings),
+            "warnings": (
+                *fit.warnings,
+                *missed,
+                *model.loading.warnings(model.line, features, fit),
+                *noise_warnings,
+            ),
             "stats": {CHI2: fit.known_chi2, FREEDOM: fit.stats[FREEDOM]},
             "line": model.scanned_line,
             "levels": levels,
@@ -159,6 +164,10 @@ class FeatureEstimate(Estimate):
         chi2, freedom = self.stats[CHI2], self.stats[FREEDOM]
         is_widened = self.fit is not None and self.fit.is_widened
         return quality(self.status, None if is_widened else chi2, self.warnings, freedom)
+
+    @property
+    def _is_of_surface(self) -> bool:
+        return any(feature.is_of_surface for feature in self.features.values())
 
     @property
     def explains(self) -> bool:
@@ -219,6 +228,8 @@ class FeatureEstimate(Estimate):
         """The same estimate with the problem's uniform pressure and shear added, where they are
         known. If the samples are cells of a line, it is on that line."""
         p, q = (0.0 if each is None else float(each) for each in problem.background_Pa)
+        if isinstance(problem, LineProblem) and self._is_of_surface:
+            p = float(problem.nominal_pressure_Pa or 0.0)
         parts: dict[str, Any] = {"background_Pa": (p, q)}
         if problem.sensor is not None:
             parts["signal_unit"] = problem.sensor.amplifier.unit
@@ -304,7 +315,8 @@ class FeatureEstimate(Estimate):
             for name, (value, stderr) in self.parameters.items()
             if np.isfinite(stderr) and value == params.get(of_fit.get(name, ""))
         }
-        return {own[name]: ends for name, ends in self.fit.asymmetric(own).items()}
+        intervals = {own[name]: ends for name, ends in self.fit.asymmetric(own).items()}
+        return intervals | self.model.loading.intervals(self.features, self.fit)
 
     def _reported_name(self, name: str) -> str:
         """The name under which a parameter of the fit is reported."""

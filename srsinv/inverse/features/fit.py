@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from ... import false_alarm
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
-from ...grid import as_real
+from ...grid import Open, Periodic, as_real
 from ...known import outside_traces
 from ...quantities import quantity
 from ...resolution import cell_m
@@ -34,6 +34,7 @@ from ..rig.setup import OF_CONTACT
 from .budget import budget_of, contradicted, names_of_facts
 from .causes import Explained, FittedModel, explained
 from .contact import are_noticed, cell_for, cells_may_show, checked_names
+from .cylinder import contact_of
 from .estimate import FeatureEstimate, explains
 from .loading import AnyFeature, Features
 from .misfit import FitMisfit
@@ -89,20 +90,25 @@ class FeatureFitter:
         nominal_pressure_Pa: float,
         also: Sequence[str] = (),
         solver: Solver | None = None,
+        kind: type[Open] | type[Periodic] = Open,
     ) -> "FeatureFitter":
         """Of features of a surface, or some of them.
 
         - `window`: the surface's period; `nominal_pressure_Pa`: the mean pressure over it.
         - `also`: names of `KNOWN` to fit beside heights, lengths and frictions.
+        - `kind`: of the line over the window: see [`FeatureModel.on_window`][].
 
         Raises `BadInput` for a window that does not hold the scan, and for names that are not
         known.
         """
         also, depth = checked_names(features, tuple(also)), float(sensor.depth_m)
-        blocks = Blocks(motion, cell_m("contact_search_samples", depth))
+        blocks, contact = (
+            Blocks(motion, cell_m("contact_search_samples", depth)),
+            contact_of(features),
+        )
 
         def model_on(motion: Motion, cell: float, also: tuple[str, ...] = ()) -> FeatureModel:
-            given = window, cell, nominal_pressure_Pa, also
+            given = window, cell, nominal_pressure_Pa, also, kind, contact
             return filled_model(motion, lambda own: FeatureModel.on_window(sensor, own, *given))
 
         model = model_on(motion, cell_for(features, depth), also)
@@ -356,7 +362,9 @@ class FeatureFitter:
             # Here, as it takes long where the search has refused to begin.
             self._model = self._model.about(self._facts, start["calibration"])
         model = self._model.with_features(parts)
-        return fit(model, start, y, steps=model.steps or None, **self._settings(parts, y, noise))
+        settings = self._settings(parts, y, noise)
+        found = fit(model, start, y, steps=model.steps or None, **settings)
+        return model.loading.accepted(parts, found)
 
     def _settings(self, parts: Features, y: Any, noise: Any) -> dict[str, Any]:
         model, loading = self._model.with_features(parts), self._model.loading

@@ -84,9 +84,9 @@ class Loading(eqx.Module):
         """What acts along the line while sliding towards +x, in the order of `PROFILES`."""
         return self.tractions(line, features, params, (True,))[0]
 
-    def operator(self, operator: MotionOperator, params: Any) -> MotionOperator:
+    def operator(self, operator: MotionOperator, features: Features, params: Any) -> MotionOperator:
         """The operator at these parameters."""
-        del params
+        del features, params
         return operator
 
     def at(self, sensor: Sensor, motion: Motion) -> "Loading":
@@ -167,6 +167,21 @@ class Loading(eqx.Module):
     @abc.abstractmethod
     def report(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
         """Reported value and standard error of each parameter."""
+
+    def accepted(self, features: Features, fit: Fit) -> Fit:
+        """The fit, without those of its parameters on a bound that end there by their nature."""
+        del features
+        return fit
+
+    def warnings(self, line: Line, features: Features, fit: Fit) -> tuple[str, ...]:
+        """Warnings on the fit, beside those that every fit has."""
+        del line, features, fit
+        return ()
+
+    def intervals(self, features: Features, fit: Fit) -> dict[str, tuple[float, float]]:
+        """90 % intervals, by reported names, of parameters whose standard error gives none."""
+        del features, fit
+        return {}
 
 
 def turned(traction: Float[Array, "2 *n"]) -> Float[Array, "2 *n"]:

@@ -13,6 +13,7 @@ from ...errors import echo, mapping, of_kind, refuse
 from ...forward.feature import Feature
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
+from ...grid import Open, Periodic
 from ...known import is_traced, outside_traces
 from ...modules import with_fields
 from ...quantities import quantity
@@ -231,12 +232,13 @@ class FeatureFit(Method):
         if not self.is_of_surface:
             make = lambda: FeatureFitter.along(sensor, motion, self.solver)  # noqa: E731
             return self._latest.of((sensor, motion), make)
-        window, pressure = problem.window, checked_pressure(problem.background_Pa[0])
+        window, pressure = problem.window, checked_pressure(problem.nominal_pressure_Pa)
+        repeats = isinstance(problem, LineProblem) and isinstance(problem.line, Periodic)
+        kind = Periodic if repeats else Open
+        given = window, pressure, self.also, self.solver, kind
         return self._latest.of(
-            (sensor, motion, tuple(window), pressure),
-            lambda: FeatureFitter.on_window(
-                sensor, motion, self.features, window, pressure, self.also, self.solver
-            ),
+            (sensor, motion, tuple(window), pressure, kind),
+            lambda: FeatureFitter.on_window(sensor, motion, self.features, *given),
         )
 
 

@@ -83,13 +83,14 @@ class FeatureModel(eqx.Module):
         nominal_pressure_Pa: float,
         also: tuple[str, ...] = (),
         kind: type[Open] | type[Periodic] = Open,
+        contact: type[ContactLoading] = ContactLoading,
     ) -> "FeatureModel":
         """The model of features of a surface on the bare plate, on cells of at most `cell_m`.
 
         The surface repeats with the window. Beyond an open line the traction is that of the plate,
         to which a rate has no response; on a periodic one, quicker to set up, everything repeats.
-        `also`: see [`ContactLoading`][]. Raises `BadInput` for a window that does not hold the
-        scan.
+        `also`: see [`ContactLoading`][]. `contact`: how the features touch the skin. Raises
+        `BadInput` for a window that does not hold the scan.
         """
         x = np.asarray(motion.position_m)
         refuse(
@@ -106,7 +107,7 @@ class FeatureModel(eqx.Module):
         if len(directions) > 1:
             refuse_both_ways(sensor.skin)
         operator = operator_along(sensor, line, motion, None, directions)
-        loading = ContactLoading(sensor, motion, sensor.depth_m, nominal_pressure_Pa, also)
+        loading = contact(sensor, motion, sensor.depth_m, nominal_pressure_Pa, also)
         return cls(operator, loading, {}, sensor.amplifier.offset is None)
 
     def with_features(self, features: Features) -> "FeatureModel":
@@ -255,7 +256,7 @@ class FeatureModel(eqx.Module):
         if self.uncertain is not None:
             here, params = self.at_facts(params)
             return here._signal(params)
-        operator = self.loading.operator(self.operator, params)
+        operator = self.loading.operator(self.operator, self.features, params)
         end, gain = self.loading.end(self.features, params), self.loading.gain(params)
         tractions, directions = _stacked(self.tractions(params)), self.operator.directions
         if end is not None:

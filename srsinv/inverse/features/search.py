@@ -261,11 +261,12 @@ def _peaks(tried: TrialShapes) -> Float[np.ndarray, " a"]:
 def given_start(start: Mapping[str, float], name: str, features: Features) -> dict[str, float]:
     """The start values of this feature."""
     prefix, wanted = f"{name}_" if len(features) > 1 else "", "a number, in SI units"
-    return {
+    given = {
         part: float(number(f"fit.start.{prefix}{part}", start[prefix + part], wanted))
-        for part in features[name].axes
+        for part in features[name].reported
         if prefix + part in start
     }
+    return features[name].from_reported(given)
 
 
 def prior_reach(y: Any) -> Any:

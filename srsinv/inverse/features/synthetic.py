@@ -27,8 +27,9 @@ from ...forward.scan import ConstantSpeed, Motion
 from ...forward.scene import Scene
 from ...forward.sensor import Sensor
 from ...forward.shape import Shape
-from ...forward.surface import Ridge, StepDown, StepUp, Tape
+from ...forward.surface import Cylinder, Ridge, StepDown, StepUp, Tape
 from ...forward.surface_feature import (
+    CylinderFeature,
     RidgeFeature,
     StepDownFeature,
     StepUpFeature,
@@ -41,6 +42,7 @@ from ...resolution import cell_m, margin_m
 from ..gridding.cells import Window, check_cells
 from ..nonlinear import Solver, Spectrum
 from .contact import MOVES, PLACE, cell_for
+from .cylinder import contact_of
 from .fit import FeatureFitter
 from .model import FeatureModel
 
@@ -237,6 +239,7 @@ def known_noise(power: Float[np.ndarray, " k"]) -> Any:
 FINER = 2.5  # times as many cells as the fit has, and in no simple ratio to them
 MOVED_M = 0.5e-3  # largest shift of the feature from its nominal position
 FEATURES: Mapping[type[Shape], type[SurfaceFeature]] = {
+    Cylinder: CylinderFeature,
     Ridge: RidgeFeature,
     Tape: TapeFeature,
     StepUp: StepUpFeature,
@@ -255,11 +258,16 @@ class SceneShape:
 
     @classmethod
     def of(
-        cls, scene: Scene, names: Sequence[str], features: Mapping[str, SurfaceFeature]
+        cls,
+        scene: Scene,
+        names: Sequence[str],
+        features: Mapping[str, SurfaceFeature],
+        angle_deg: float | None = None,
     ) -> "SceneShape":
         """That of a scene, whose surfaces have these names.
 
-        Raises `BadInput` for another number than one, a shape that no feature fits, and features of
+        `angle_deg`: of a cylinder, where it is to be fitted; None: it is known to be 0. Raises
+        `BadInput` for another number than one, a shape that no feature fits, and features of
         another shape.
         """
         surface = scene.contact_scene
@@ -279,8 +287,16 @@ class SceneShape:
         )
         shape: Any = shapes[0]
         base = float(surface.surface.base_friction)
-        feature = kind(float(shape.edge_length_m))
-        truth = {part: float(getattr(shape, part)) for part in feature.axes}
+        if kind is CylinderFeature:
+            feature = CylinderFeature(0.0 if angle_deg is None else None)
+        else:
+            wanted = "coverage.angle_deg is of a cylinder: leave it out, or give scene=cylinder."
+            refuse(angle_deg is not None, wanted)
+            feature = kind(float(shape.edge_length_m))
+        angle = {} if angle_deg is None else {"angle_rad": float(np.radians(angle_deg))}
+        truth = angle | {
+            part: float(getattr(shape, part)) for part in feature.reported if part not in angle
+        }
         for part in feature.frictions:
             own = getattr(shape, part)
             truth[part] = base if own is None else float(own)
@@ -310,13 +326,18 @@ class KnownShape(KnownFeature):
         cell = cell_for(named, depth)
         check_cells("coverage.window_m", window.length_m, cell / FINER)
         fitter = FeatureFitter.on_window(sensor, motion, named, window, pressure, solver=solver)
-        fine = FeatureModel.on_window(sensor, motion, window, cell / FINER, pressure)
+        contact = contact_of(named)
+        fine = FeatureModel.on_window(
+            sensor, motion, window, cell / FINER, pressure, contact=contact
+        )
         on = SyntheticScan(sensor, sampled.scan, motion, sampled.noises, fine.with_features(named))
         return cls(on, shape.name, shape.truth, shape.feature, fitter, pressure)
 
     def signal(self, truth: Mapping[str, float]) -> Float[np.ndarray, "e sample"]:
-        own = {part: as_real(value) for part, value in truth.items() if part != "base_friction"}
-        own["edge_length_m"] = as_real(self.feature.edge_m)
+        own = {part: value for part, value in truth.items() if part != "base_friction"}
+        own = {part: as_real(value) for part, value in self.feature.from_reported(own).items()}
+        if self.feature.has_edges:
+            own["edge_length_m"] = as_real(self.feature.edge_m)
         common = {
             "nominal_pressure_Pa": as_real(self.nominal_pressure_Pa),
             "gain": as_real(1.0),
@@ -332,9 +353,9 @@ class KnownShape(KnownFeature):
         depth, cell = float(self.on.sensor.depth_m), float(self.on.fine.line.cell_m)
 
         def scale(part: str) -> float:
-            if part == "height_m":
+            if part in ("height_m", "radius_m"):
                 return 10 * abs(self.truth[part])
-            if part in MOVES:
+            if part in MOVES and self.feature.has_edges:
                 return 4 * cell / STEP
             return depth if part.endswith("_m") else 1.0
 
@@ -348,7 +369,7 @@ class KnownShape(KnownFeature):
             truth = {**self.truth, PLACE: self.truth[PLACE] + float(off)}
             fitted = self.fit(truth, noise, start)
             own = dict(fitted.parameters)
-            start = start or {part: own[part][0] for part in self.feature.axes if part != PLACE}
+            start = start or {part: own[part][0] for part in self.feature.reported if part != PLACE}
             own[PLACE] = own[PLACE][0] - float(off), own[PLACE][1]
             read.append(fitted._replace(parameters=own))
         return read

@@ -23,6 +23,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from ...errors import refuse
+from ...forward.surface_feature import CylinderFeature
 from ...grid import Line
 from ...known import is_traced
 from ..diagnostics import Quality
@@ -96,6 +97,10 @@ UNTRACED_CELLS = (
 
 def traceable(features: Features, problem: Any) -> LineProblem:
     """The problem, where its features can be fitted as jax traces it."""
+    refuse(
+        any(isinstance(feature, CylinderFeature) for feature in features.values()),
+        "JAX does not trace the fit of a cylinder: fit it outside jit, vmap and grad.",
+    )
     refuse(
         not isinstance(problem, LineProblem)
         or not features

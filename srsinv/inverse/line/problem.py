@@ -20,7 +20,7 @@ from jaxtyping import Array, Bool, Float
 from ...errors import BadInput, all_of_kind, choice, echo, number, refuse
 from ...forward.scan import ConstantSpeed, Motion
 from ...forward.sensor import Sensor
-from ...grid import Convolution, Line, Operator, as_real
+from ...grid import Convolution, Line, Operator, Periodic, as_real
 from ...known import array_module, in_jax, in_numpy, is_traced, outside_traces
 from ...modules import with_fields
 from ...status import Status
@@ -404,6 +404,17 @@ class LineProblem(LineModel):
             slope = xp.gradient(own, axis=-1) / xp.asarray(self.line.cell_m)
             signals = signals + xp.asarray(stretch_m)[:, None] * slope
         return xp.where(self.is_observed, signals, 0.0)
+
+    @property
+    def nominal_pressure_Pa(self) -> Any:
+        """The pressure far from the features [Pa], None where it is not known: on a periodic line
+        the mean, on an open one what goes on beyond its ends."""
+        background, mean = self.background_Pa[0], self.known_mean_Pa[0]
+        if isinstance(self.line, Periodic) and mean is not None:
+            return mean if background is None else mean + background
+        # A simulation on an open line holds what is beyond its background, without that itself.
+        is_simulated = mean is not None and background is not None and not np.any(background)
+        return None if is_simulated else background
 
     @property
     def window(self) -> Window:
