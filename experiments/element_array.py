@@ -66,7 +66,7 @@ def run(cfg: config.Config) -> Result:
         {
             "aliased_share": (("pitch", "depth"), share[:, :-1], "1"),
             "share_at_depth": ("pitch", share[:, -1], "1", "aliased_share_at_{pitch}_m"),
-            "depth_needed": ("pitch", [_depth_at(limit, each, depth) for each in share[:, :-1]],
+            "depth_needed": ("pitch", [depth_for(limit, each, depth) for each in share[:, :-1]],
                              "m", "depth_for_share_at_{pitch}_m"),
             "charge_per_pressure": ("wavelength", size, "C/Pa"),
             "apparent_wavelength": (("pitch", "wavelength"), apparent[:, :-1], "m"),
@@ -117,7 +117,7 @@ def aliased_share(
     return share if share > np.finfo(float).eps else 0.0  # less is rounding of the spectrum
 
 
-def _depth_at(share: float, shares: np.ndarray, depth: np.ndarray) -> float:
+def depth_for(share: float, shares: np.ndarray, depth: np.ndarray) -> float:
     """The least depth from which on the share is not above `share`; NaN where there is none."""
     over = np.flatnonzero(shares > share)
     if not over.size:

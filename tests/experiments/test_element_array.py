@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import gamma, gammaincc
 
-from experiments.element_array import _depth_at, aliased_share
+from experiments.element_array import aliased_share, depth_for
 
 
 @pytest.mark.parametrize("pitch", [1e-3, 2e-3])
@@ -29,6 +29,6 @@ def test_an_array_fine_enough_aliases_nothing():
 
 def test_depth_for_a_share_is_the_last_that_exceeds_it():
     depth = np.array([1e-3, 2e-3, 4e-3])
-    assert _depth_at(0.1, np.array([0.4, 0.2, 0.05]), depth) == pytest.approx(2e-3 * np.sqrt(2))
-    assert _depth_at(0.1, np.array([0.05, 0.02, 0.01]), depth) == 1e-3
-    assert np.isnan(_depth_at(0.1, np.array([0.4, 0.05, 0.2]), depth))
+    assert depth_for(0.1, np.array([0.4, 0.2, 0.05]), depth) == pytest.approx(2e-3 * np.sqrt(2))
+    assert depth_for(0.1, np.array([0.05, 0.02, 0.01]), depth) == 1e-3
+    assert np.isnan(depth_for(0.1, np.array([0.4, 0.05, 0.2]), depth))
