@@ -22,6 +22,7 @@ from numpy.polynomial.chebyshev import chebval, chebvander
 from ..compiled import compiled
 from ..errors import number, refuse
 from ..grid import Stage, as_real
+from ..numerics import shared_count
 from .sensor import Sensor
 from .skin import Skin
 
@@ -197,7 +198,10 @@ def line_response(sensor: Sensor, x_m: Any) -> Float[np.ndarray, "e c x"]:
     by q. Filters do not act on it."""
     # A cell so narrow that its own average is off by as little as rounding is.
     cell = sensor.depth_m * np.cbrt(np.finfo(sensor.depth_m.dtype).eps)
-    return np.asarray(_per_load(sensor.charge(), as_real(np.asarray(x_m)), cell))
+    x = np.asarray(x_m)
+    # So many places that contacts of many widths share a program.
+    padded = np.pad(x, (0, shared_count(x.size) - x.size))
+    return np.asarray(_per_load(sensor.charge(), as_real(padded), cell))[..., : x.size]
 
 
 @compiled
