@@ -29,6 +29,7 @@ def test_page_and_numbers():
     assert np.all(np.diff(data["matched_operating"].values, axis=-1) >= 0)
 
 
+@pytest.mark.full
 def test_settings_out_of_bounds_are_refused():
     def asked(*words):
         return lambda: outcome("experiment=contact_events", *words)
