@@ -32,15 +32,19 @@ class Characteristics:
         key: PRNGKeyArray,
     ):
         self.setting, self.detector, self.simple = setting, detector, simple
-        self.rate_hz, self.keys = detector.rate_hz, jax.random.split(key, len(KINDS_OF_EVENT))
+        self.rate_hz = detector.rate_hz
+        self.events = self._events()
+        longest = max(event.shape[-1] for event in self.events)
+        shape = setting.given["draws"], len(setting.clean), detector.bank.longest - 1 + longest
+        self.noise = np.asarray(jax.random.normal(key, shape), float)  # the same for all events
+        self.of_noise = [detector.bank(one) for one in self.noise]
         per_sample = [each / self.rate_hz for each in FALSE_ALARMS_PER_S]
         self.limits = [detector.bank.limit(each) for each in per_sample]
         self.thresholds = [threshold(len(setting.clean), each) for each in per_sample]
 
     def curves(self) -> dict[str, np.ndarray]:
         """By name, for each kind of event (kind, ...)."""
-        parts = zip(self._events(), self.keys, strict=True)
-        each = [self._of(event, key) for event, key in parts]
+        each = [self._of(event) for event in self.events]
         return {name: np.array([one[name] for one in each]) for name in each[0]}
 
     def _events(self) -> list[Float[np.ndarray, "e n"]]:
@@ -59,13 +63,11 @@ class Characteristics:
         spans = zip(onsets.values(), ends, strict=True)
         return [whitened[:, int(a * self.rate_hz) : int(b * self.rate_hz) + 1] for a, b in spans]
 
-    def _of(self, event: Float[np.ndarray, "e n"], key: PRNGKeyArray) -> dict[str, Any]:
+    def _of(self, event: Float[np.ndarray, "e n"]) -> dict[str, Any]:
         bank, given, n = self.detector.bank, self.setting.given, event.shape[-1]
         before = bank.longest - 1
         own = bank(np.pad(event, ((0, 0), (before, 0))))
-        shape = (given["draws"], len(event), before + n)
-        noise = np.asarray(jax.random.normal(key, shape), float)
-        statistics = [bank(one) for one in noise]
+        statistics = [each[:, :n] for each in self.of_noise]
         size = float(np.linalg.norm(event))
         scaled = [strength / size for strength in given["strengths"]]
         greatest = np.array([[(each + s * own).max() for each in statistics] for s in scaled])
@@ -73,7 +75,8 @@ class Characteristics:
         simple = [[detection_by_threshold(s * event, limit) for limit in self.thresholds]
                   for s in scaled]  # fmt: skip
         passed = np.stack([(each + own).max(0) for each in statistics]) >= self.detector.limit
-        sizes = np.linalg.norm(event + noise[:, :, before:], axis=1) > self.simple.limit
+        noisy = event + self.noise[:, :, before : before + n]
+        sizes = np.linalg.norm(noisy, axis=1) > self.simple.limit
         return {
             "natural": size,
             "matched_operating": matched,

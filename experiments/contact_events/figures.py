@@ -1,6 +1,5 @@
 """Figures of contact events."""
 
-import numpy as np
 import xarray
 from matplotlib.figure import Figure
 
@@ -23,13 +22,12 @@ def draw_shear(ds: xarray.Dataset) -> Figure:
 def draw_episode(ds: xarray.Dataset) -> Figure:
     """The contact and the part that sticks, over time."""
     a, c = ds["contact_half_width"].values, ds["stick_half_width"].values
-    zero = np.zeros_like(a)
-    clear = {"linewidth": 0.0}
+    slips, sticks = {"color": "#d55e00"}, {"color": "#0072b2"}
     curves = [
-        plot.Curve(zero, band=(-a, a), band_label="slips", look={**clear, "color": "#d55e00"}),
-        plot.Curve(zero, band=(-c, c), band_label="sticks", look={**clear, "color": "#0072b2"}),
-        *(plot.Curve(sign * a, look={"color": "#d55e00"}) for sign in (-1, 1)),
-        *(plot.Curve(sign * c, look={"color": "#0072b2"}) for sign in (-1, 1)),
+        plot.Curve(a, band=(c, a), band_label="slips", look=slips),
+        plot.Curve(-a, band=(-a, -c), look=slips),
+        plot.Curve(c, band=(-c, c), band_label="sticks", look=sticks),
+        plot.Curve(-c, look=sticks),
     ]
     across, up = plot.PanelAxis("time", "s"), plot.PanelAxis("position from the middle", "m")
     return plot.panels([plot.Panel(curves, across, up, ds["time"].values)])

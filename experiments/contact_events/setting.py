@@ -10,7 +10,7 @@ from jaxtyping import Float, PRNGKeyArray
 
 from srsinv.errors import echo, number, numbers, refuse, whole
 from srsinv.forward.episode import Episode, PassingEdge, Ramp, slip_noise
-from srsinv.forward.partial_slip import CylinderContact
+from srsinv.forward.partial_slip import CylinderContact, check_similar
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.surface import StepDown, StepUp
 from srsinv.forward.vibration import noise_rms_at_rest
@@ -67,6 +67,9 @@ class EventSetting:
             touch, pull, edge, release, given["friction"], given["sliding_friction"],
             given["drop_s"],
         )  # fmt: skip
+        check_similar(scenario.sensor.skin)
+        rms = noise_rms_at_rest(scenario.noises, given["sample_rate_hz"], 1.0)
+        refuse(rms <= 0, "There is no noise, so every event is detected: give noise=[johnson].")
         return cls(given, scenario, episode)
 
     @cached_property
@@ -76,11 +79,9 @@ class EventSetting:
 
     @cached_property
     def noise_rms_V(self) -> float:
-        """White noise of a sample [V rms]. Raises `BadInput` where there is none."""
+        """White noise of a sample [V rms]."""
         signal_rms = float(np.sqrt(np.mean(self.clean**2)))
-        rms = noise_rms_at_rest(self.noises, self.given["sample_rate_hz"], signal_rms)
-        refuse(rms <= 0, "There is no noise, so every event is detected: give noise=[johnson].")
-        return rms
+        return noise_rms_at_rest(self.noises, self.given["sample_rate_hz"], signal_rms)
 
     @cached_property
     def correlation_samples(self) -> float:
@@ -153,15 +154,15 @@ def _three(name: str, given: Mapping[str, Any], key: str) -> list[float]:
 def listed_events(
     onsets_s: Mapping[str, float], events: Sequence[DetectedEvent]
 ) -> dict[str, tuple[np.ndarray, str]]:
-    """The detected events in a table, each with the true one that began last before its end."""
+    """The detected events in a table, each with the true one that began last before its middle."""
     kinds, begun = list(onsets_s), np.array(list(onsets_s.values()))
-    ends = [event.onset_s + event.duration_s for event in events]
-    nearest = [int(np.searchsorted(begun, end, "right")) - 1 for end in ends]
+    middles = [event.onset_s + event.duration_s / 2 for event in events]
+    nearest = [int(np.searchsorted(begun, middle, "right")) - 1 for middle in middles]
     truth = [kinds[at] if at >= 0 else "none" for at in nearest]
     return {
-        "answer": (np.array([event.answer for event in events], object), "1"),
-        "likeliest": (np.array([event.kind for event in events], object), "1"),
-        "truth": (np.array(truth, object), "1"),
+        "answer": (np.array([event.answer for event in events], str), "1"),
+        "likeliest": (np.array([event.kind for event in events], str), "1"),
+        "truth": (np.array(truth, str), "1"),
         "found_onset": (np.array([event.onset_s for event in events]), "s"),
         "alarm": (np.array([event.alarm_s for event in events]), "s"),
         "reported": (np.array([event.reported_s for event in events]), "s"),

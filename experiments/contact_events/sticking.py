@@ -11,7 +11,7 @@ from srsinv.forward.partial_slip import CylinderContact, press_and_shear
 from srsinv.forward.skin import Skin
 from srsinv.grid import Periodic
 
-CELLS, WINDOW = 16384, 80.0  # half-widths: the neighbours change the contact by 1e-4
+CELLS, WINDOW = 4000, 40.0  # half-widths: the neighbours change the contact by 5e-4
 PROFILE = 401
 
 

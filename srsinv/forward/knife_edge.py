@@ -22,6 +22,7 @@ from numpy.polynomial.chebyshev import chebval, chebvander
 from ..compiled import compiled
 from ..errors import number, refuse
 from ..grid import Stage, as_real
+from ..numerics import shared_count
 from .sensor import Sensor
 from .skin import Skin
 
@@ -197,8 +198,11 @@ def line_response(sensor: Sensor, x_m: Any) -> Float[np.ndarray, "e c x"]:
     by q. Filters do not act on it, nor do envelopes, as the load is known."""
     # A cell so narrow that its own average is off by as little as rounding is.
     cell = sensor.depth_m * np.cbrt(np.finfo(sensor.depth_m.dtype).eps)
+    x = np.asarray(x_m)
+    # So many places that contacts of many widths share a program.
+    padded = as_real(np.pad(x, (0, shared_count(x.size) - x.size)))
     charge = sensor.touching_everywhere().charge()
-    return np.asarray(_per_load(charge, as_real(np.asarray(x_m)), cell))
+    return np.asarray(_per_load(charge, padded, cell))[..., : x.size]
 
 
 @compiled

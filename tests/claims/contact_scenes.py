@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from srsinv import Sensor
-from srsinv.forward.episode import Episode, PassingEdge, Ramp
+from srsinv.forward.episode import KINDS_OF_EVENT, Episode, PassingEdge, Ramp
 from srsinv.forward.partial_slip import CylinderContact
 from srsinv.forward.surface import Ridge, StepDown, StepUp
 from srsinv.inverse.events.matched import EventDetector
@@ -22,18 +22,18 @@ RATE_HZ = 5000.0
 JOHNSON_V = 6.4e-6  # of 1 Mohm at 300 K in each sample
 PLACE_M = 0.6e-3
 NOMINAL = Episode(CylinderContact(0.01, PLACE_M), 20.0, Ramp(0.0, 0.05))
-DURATIONS_S = (0.02, 0.03, 0.045, 0.07, 0.1, 0.15)
+DURATIONS_S = (0.02, 0.035, 0.06, 0.1, 0.15)
 DROPS_S = (2e-3, 4e-3, 8e-3)
 EDGES = (
     *(step(height, 0.0) for height in (5e-6, 1e-5, 2e-5, 4e-5) for step in (StepUp, StepDown)),
     *(Ridge(1e-5, width) for width in (2e-4, 5e-4)),
 )
-SPEEDS_M_PER_S = (0.025, 0.035, 0.05, 0.07, 0.1)
-SAMPLES = 8000
+SPEEDS_M_PER_S = (0.025, 0.04, 0.065, 0.1)
+SAMPLES = 7500
 
 
 class DrawnEpisode(NamedTuple):
-    """An episode, its noise-free signal [V], when its events begin and end [s], and its d'."""
+    """An episode, its noise-free signal (2, sample) [V], and when its events begin and end [s]."""
 
     episode: Episode
     signal: np.ndarray
@@ -61,7 +61,7 @@ def detector(false_alarms_per_s: float, elements: int = 2, noise_V: float = JOHN
     return EventDetector(templates(elements), whitener, RATE_HZ, false_alarms_per_s)
 
 
-def drawn(seed: int, elements: int = 2) -> DrawnEpisode:
+def drawn(seed: int) -> DrawnEpisode:
     """An episode of five events, all of whose numbers are random."""
     rng = np.random.default_rng([7, seed])
 
@@ -86,15 +86,28 @@ def drawn(seed: int, elements: int = 2) -> DrawnEpisode:
         sliding_friction=friction * rng.uniform(0.7, 0.9),
         drop_s=between(2e-3, 8e-3),
     )
-    films = sensor(elements)
-    onsets = episode.onsets_s(films)
-    assert episode.edge is not None
-    first, slip, full, edge, last = onsets
-    ends = {
-        first: episode.touch.end_s, slip: onsets[full], full: onsets[full] + 4 * episode.drop_s,
-        edge: 2 * episode.edge.at_s - onsets[edge], last: starts[3] + release.duration_s,
-    }  # fmt: skip
-    return DrawnEpisode(episode, episode.signal(films, RATE_HZ, SAMPLES), onsets, ends)
+    signal = episode.signal(sensor(), RATE_HZ, SAMPLES)
+    assert episode.pull is not None
+    slip, full, edge = episode.pull.start_s, episode.pull.end_s, _onset_of_edge(episode, signal)
+    times = [touch.start_s + starts[0], slip, full, edge, starts[3]]
+    ends = [starts[0] + touch.duration_s, full, full + 4 * episode.drop_s,
+            2 * starts[2] - edge, starts[3] + release.duration_s]  # fmt: skip
+    onsets_s, ends_s = (
+        {kind: float(each) for kind, each in zip(KINDS_OF_EVENT, values, strict=True)}
+        for values in (times, ends)
+    )
+    return DrawnEpisode(episode, signal, onsets_s, ends_s)
+
+
+def _onset_of_edge(episode: Episode, signal: np.ndarray) -> float:
+    """As `Episode.onsets_s` has it, but from the signal: when the charge, after the friction's
+    drop, first changes by a thousandth of its greatest change [s]."""
+    assert episode.pull is not None
+    assert episode.release is not None
+    first = int((episode.pull.end_s + 10 * episode.drop_s) * RATE_HZ)
+    charge = np.cumsum(signal[:, first : int(episode.release.start_s * RATE_HZ)], axis=1)
+    size = np.abs(charge).max(0)
+    return (first + int(np.argmax(size > 1e-3 * size.max()))) / RATE_HZ
 
 
 def _at(ramp: Ramp, start_s: float) -> Ramp:

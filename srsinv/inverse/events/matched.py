@@ -32,6 +32,7 @@ from .threshold import MOST_ALARMS
 from .whitening import StreamWhitener
 
 DRAWS = 20_000  # for the rate of false alarms: to some 3 %
+SINGULAR = 1e-6  # variance that is added, as similar templates have dependent statistics
 HIGHEST = 30.0  # limit on d': noise exceeds it in no time that anybody waits
 PATIENCE = 1.0  # template lengths that an event waits for a better one
 BLOCK_LENGTHS = 4  # longest templates that are searched at once
@@ -127,8 +128,8 @@ class _AlarmRate:
         both = np.concatenate([here, before]).reshape(2 * k, -1)
         self.covariance = both @ both.T
         rng = np.random.default_rng(0)
-        values, vectors = np.linalg.eigh(self.covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0))
+        # Not by eigenvectors, which similar templates leave undetermined.
+        root = np.linalg.cholesky(self.covariance + SINGULAR * np.eye(2 * k))
         self.free = rng.standard_normal((draws, 2 * k)) @ root.T
         self.which, self.level, self.count = rng.integers(k, size=draws), rng.random(draws), k
 

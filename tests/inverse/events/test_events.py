@@ -9,6 +9,7 @@ from srsinv.inverse.events.templates import EventTemplate
 from srsinv.inverse.events.threshold import ThresholdDetector, detection_by_threshold
 from srsinv.inverse.events.whitening import StreamWhitener
 from tests.refusals import refused
+from tests.tiers import quick
 
 RATE = 5000.0
 RMS = 6.4e-6
@@ -88,7 +89,7 @@ def test_an_alarm_says_when_and_how_often_noise_is_as_large():
     )
 
 
-@pytest.mark.parametrize("limit", [1.5, 2.5])
+@pytest.mark.parametrize("limit", quick([1.5, 2.5], 2.5))
 def test_the_rate_of_alarms_is_that_of_counting(limit):
     """Of correlated statistics, in so much noise that clusters of crossings do not matter."""
     bank = TemplateBank(shapes(), WHITE)
@@ -143,7 +144,7 @@ def test_an_event_is_found_with_its_time_kind_and_strength(detector, number):
     assert abs(np.mean(offsets)) < 4 / np.sqrt(8)
 
 
-@pytest.mark.parametrize("block", [1, 137, 700])
+@pytest.mark.parametrize("block", quick([1, 137, 700], 137))
 def test_blocks_of_any_length_give_the_same_events(detector, block):
     signal = stream(np.random.default_rng(5), (0, 200, 9.0), (2, 330, 15.0), (1, 1430, 14.0))
     signal = signal[:, :1480] if block > 1 else signal[:, 100:600]
@@ -179,6 +180,7 @@ def test_two_kinds_of_one_shape_are_not_distinguished():
     assert event.probability["a"] == pytest.approx(0.5)
 
 
+@pytest.mark.full
 def test_noise_alone_gives_no_more_events_than_stated():
     detector = EventDetector(shapes(), WHITE, RATE, 1.0)
     events = found(detector, white(np.random.default_rng(9), 200_000))
