@@ -150,6 +150,18 @@ def test_rate_counts_bursts_that_are_loud():
     np.testing.assert_allclose(np.array([rate.low_hz, rate.high_hz]) * SECONDS, expected, rtol=0.2)
 
 
+def test_rate_has_bursts_that_are_too_small_to_be_found():
+    """Where those found are faint, more of them are above a d' of 5 than were found."""
+    _, model, rest = problem_and_model()
+    unit = Burst(51, 1.3e-3, 5e-3, 1.0, 0.0)
+    square = rest.dot(unit.spectrum(model)[None], rest.weigh(unit.spectrum(model))[None])[0, 0]
+    faint = unit._replace(amplitude_Pa=8 / np.sqrt(square))
+    one = OneBurst(model, rest, first_sizes(model, rest), faint.spectrum(model))
+    rate = burst_rate(model, rest, rest, [one.around(51)] * 12)
+    assert rate.low_hz * SECONDS > 10
+    assert rate.value_hz * SECONDS > 18
+
+
 def traced(data):
     return BurstInversion()(with_fields(scanned(), data=data)).value
 
