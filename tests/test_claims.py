@@ -56,6 +56,23 @@ def test_rows_and_summary_are_those_of_the_cases(name):
     assert own.summary is None or (RESULTS / f"{name}.json").read_text("utf-8") == own.summarised()
 
 
+def test_bursts_are_within_their_intervals_and_none_is_claimed_without():
+    """Of 200 passes of 3 and of 4 elements, and of passes without bursts."""
+    rows = {row["setting"]: row for row in read("bursts")}
+    for setting in ("3 elements", "4 elements"):
+        row = rows[setting]
+        inside = [row[f"{name}_in_90_percent"] for name in ("time", "place", "size", "decay")]
+        assert 86 <= min(inside) <= max(inside) <= 94
+        within = [row[f"{name}_within_2_percent"] for name in ("time", "place", "size", "decay")]
+        assert min(within) > 94
+        assert row["rate_in_90_percent"] > 86
+        assert row["false"] == 0
+    assert rows["1 element"]["located_percent"] == 0
+    assert rows["4 elements"]["located_percent"] > rows["3 elements"]["located_percent"] > 50
+    silent = [row for row in rows.values() if "no bursts" in row["setting"]]
+    assert max(row["passes_with_false_percent"] for row in silent) <= 2
+
+
 @pytest.fixture
 def counted(monkeypatch, tmp_path):
     """A study that counts its calls, with results of its own."""

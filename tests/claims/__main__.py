@@ -17,6 +17,10 @@ STUDIES = (
     "disturbances", "faults", "lab_cases", "layered_line", "live", "measured_kernels", "mgh",
     "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness",
     "rules", "screening", "screening_zones", "semi_blind", "tolerances",
+    "admissible", "bursts", "calibration_of_bands", "clean_draws", "commands", "disturbances",
+    "faults", "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
+    "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
+    "semi_blind", "tolerances",
 )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 
 import srsinv
-from experiments.elements.passes import BurstStatistics, TrueBursts, burst_signals, in_a_row
+from experiments.elements.passes import TrueBursts, burst_signals, in_a_row
 from srsinv import BurstEstimate, BurstInversion, ConstantSpeed, Film, Periodic, Sensor, Wiener
 from srsinv.forward.noise import White
 from srsinv.forward.snap_back import SnapBackNoise
@@ -22,12 +22,13 @@ from tests.refusals import refused
 
 N, CELL_M, RMS_V = 256, 8e-5, 1e-6
 LINE = Periodic(N, CELL_M, -N * CELL_M / 2)
-STATISTICS = BurstStatistics(5.0, 2000.0, 5e-4, 1e-2, 5e-3)
+PATCH_M = 5e-4
 SECONDS = N * CELL_M / 0.02
 TRUTH = TrueBursts(
     np.array([0.123, 0.31, 0.337, 0.78]),
     np.array([0.4e-3, -1.7e-3, 1.1e-3, 2.0e-3]),
     np.array([1800.0, -2600.0, 2400.0, 3000.0]),
+    np.full(4, 5e-3),
 )
 SCENE = srsinv.TractionScene(0.0, 0.5, [srsinv.UniformStrip(1e4, 2e-3)])
 
@@ -46,7 +47,7 @@ def scanned(elements=4, speed=0.02, has_bursts=True):
     problem = made.problem
     assert problem.sensor is not None
     assert problem.scan is not None
-    bursts = burst_signals(TRUTH, STATISTICS, problem.sensor, LINE, problem.scan) * has_bursts
+    bursts = burst_signals(TRUTH, PATCH_M, problem.sensor, LINE, problem.scan) * has_bursts
     noise = np.random.default_rng(0).normal(0, RMS_V, bursts.shape)
     data = np.asarray(made.signal - problem.mean_signal) + bursts + noise
     return with_fields(problem, data=jnp.asarray(data))
@@ -118,9 +119,11 @@ def test_signals_of_a_burst_are_the_sum_in_time():
     """Of a burst whose first sample has exp(-age/decay) of it, by its spectrum."""
     _, model, _ = problem_and_model()
     interval = CELL_M / 0.02
-    one = TrueBursts(np.array([50.4 * interval]), np.array([1.3e-3]), np.array([1e3]))
+    one = TrueBursts(
+        np.array([50.4 * interval]), np.array([1.3e-3]), np.array([1e3]), np.full(1, 5e-3)
+    )
     sensor = Sensor(in_a_row(Film(), 4, 1e-3))
-    expected = burst_signals(one, STATISTICS, sensor, LINE, ConstantSpeed(0.02))
+    expected = burst_signals(one, PATCH_M, sensor, LINE, ConstantSpeed(0.02))
     burst = Burst(51, 1.3e-3, 5e-3, 1e3 * np.exp(-0.6 * interval / 5e-3), 0.0)
     got = np.fft.irfft(burst.spectrum(model), N)
     np.testing.assert_allclose(got, expected, rtol=0, atol=1e-6 * np.abs(expected).max())
@@ -145,6 +148,18 @@ def test_rate_counts_bursts_that_are_loud():
     np.testing.assert_allclose(rate.value_hz * SECONDS, 12.5, rtol=0.15)
     expected = stats.gamma.ppf([0.05, 0.95], 12.5)
     np.testing.assert_allclose(np.array([rate.low_hz, rate.high_hz]) * SECONDS, expected, rtol=0.2)
+
+
+def test_rate_has_bursts_that_are_too_small_to_be_found():
+    """Where those found are faint, more of them are above a d' of 5 than were found."""
+    _, model, rest = problem_and_model()
+    unit = Burst(51, 1.3e-3, 5e-3, 1.0, 0.0)
+    square = rest.dot(unit.spectrum(model)[None], rest.weigh(unit.spectrum(model))[None])[0, 0]
+    faint = unit._replace(amplitude_Pa=8 / np.sqrt(square))
+    one = OneBurst(model, rest, first_sizes(model, rest), faint.spectrum(model))
+    rate = burst_rate(model, rest, rest, [one.around(51)] * 12)
+    assert rate.low_hz * SECONDS > 10
+    assert rate.value_hz * SECONDS > 18
 
 
 def traced(data):

@@ -7,7 +7,7 @@ from srsinv.errors import BadInput
 from tests.golden.check import golden_test
 from tests.jobs.run import check_page, outcome, short_form, short_run
 
-FORMS = ("fig05_orientation", "fig06_spectra", "two_element")
+FORMS = ("elements", "fig05_orientation", "fig06_spectra", "two_element")
 
 test_nothing_has_moved = golden_test(FORMS, "fig05_orientation")
 
@@ -81,6 +81,8 @@ def test_page_is_whole(outcomes, name):
 @pytest.mark.parametrize(
     ("name", "override", "words"),
     [
+        ("elements", "elements.shown=5", "elements.shown is 5"),
+        ("elements", "method=[wiener]", "method lacks bursts"),
         ("fig05_orientation", "sensor=one_element", "has 1 elements"),
         ("fig06_spectra", "sensor=two_element", "has 2 elements"),
         ("fig06_spectra", "friction=null", "friction is null"),

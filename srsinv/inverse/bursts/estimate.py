@@ -37,7 +37,7 @@ class FoundBursts(NamedTuple):
       sensor's origin [m]; `size`: of the shear [Pa]; `decay` [s].
     - `d_prime`: the signal-to-noise ratio of each; `is_located`: whether its place is known to
       within a tenth of the contact; `log_odds`: log of the averaged likelihood ratio of having it.
-    - `rate_hz`: mean, standard error, and ends of the 90 % interval of the rate of bursts whose
+    - `rate_hz`: median, standard error, and ends of the 90 % interval of the rate of bursts whose
       signal-to-noise ratio is above 5.
     """
 

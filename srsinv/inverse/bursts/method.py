@@ -247,7 +247,10 @@ class Pass:
         for j, each in enumerate(bursts):
             one = self.search.one(bursts, j)
             grid = one.around(each.sample)
-            draws.append(one.draws(grid, j))
+            made = one.draws(grid, j)
+            if made.time_s.mean() < 0:  # the line repeats with its window
+                made = made._replace(time_s=made.time_s + self.model.n * self.model.interval_s)
+            draws.append(made)
             odds.append(self.search.log_odds(grid))
         named = zip(*draws, strict=True) if draws else ([],) * 4
         time, place, size, decay = (Found.of(list(each)) for each in named)

@@ -14,9 +14,10 @@ small to be found one by one.
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Array, Complex, Float
 from scipy.interpolate import CubicSpline
 
+from ...compiled import compiled
 from ...forward.snap_back import SnapBackNoise, relaxing
 from ...grid import as_real, half_spectrum_weights
 from ..line.prior import Prior
@@ -47,7 +48,7 @@ class BurstModel:
         self._recorded = np.asarray(self._unit.recorded(problem.line, scan))
         self._angle = 2 * np.pi * np.arange(self.n // 2 + 1) / self.n
         places = np.linspace(-contact_m / 2, contact_m / 2, PLACES)
-        self._at = CubicSpline(places, np.asarray(self._unit.response(as_real(places))), axis=-1)
+        self._at = CubicSpline(places, np.asarray(_responses(self._unit, as_real(places))), axis=-1)
         self._slope = self._at.derivative()
 
     def responses(self, place_m: np.ndarray) -> Float[np.ndarray, "e place"]:
@@ -83,6 +84,11 @@ class BurstModel:
         decay_s = self.decays(8)
         power = np.abs(self.decaying(decay_s)) ** 2 * self.left(decay_s)[:, None] ** 2
         return responses @ responses.T / PLACES, np.mean(power, axis=0)
+
+
+@compiled
+def _responses(unit: SnapBackNoise, place_m: Float[Array, " place"]) -> Float[Array, "e place"]:
+    return unit.response(place_m)
 
 
 class Everything(NamedTuple):

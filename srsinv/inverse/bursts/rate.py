@@ -26,7 +26,7 @@ PLACES = 81
 
 
 class BurstRate(NamedTuple):
-    """Rate of bursts [1/s] above a d' of `LOUD`: mean, standard error and 90 % interval; and the
+    """Rate of bursts [1/s] above a d' of `LOUD`: median, standard error and 90 % interval; and the
     prior of sizes that the bursts found imply."""
 
     value_hz: float
@@ -88,13 +88,13 @@ def burst_rate(
     scale = of_loud / np.maximum(of_sure, np.finfo(float).tiny) / seconds
     mean = float(odds @ (shape * scale))
     square = float(odds @ (shape * (shape + 1) * scale**2))
-    low, high = (_quantile(share, odds, shape, scale) for share in (0.05, 0.95))
+    low, middle, high = (_quantile(share, odds, shape, scale) for share in (0.05, 0.5, 0.95))
     sizes = first_sizes(model, rest)
     if count:
         near = np.abs(np.log(rms)[:, None] - np.log(sizes.rms_Pa)).argmin(axis=1)
         of_sizes = np.bincount(near, odds, sizes.rms_Pa.size)
         sizes = SizePrior(sizes.rms_Pa, 0.99 * of_sizes + 0.01 / of_sizes.size)
-    return BurstRate(mean, float(np.sqrt(max(square - mean**2, 0.0))), low, high, sizes)
+    return BurstRate(middle, float(np.sqrt(max(square - mean**2, 0.0))), low, high, sizes)
 
 
 def _beyond(level: float, variance: np.ndarray) -> np.ndarray:
