@@ -13,14 +13,10 @@ from tests.claims import readme
 from tests.claims.study import Study
 
 STUDIES = (
-    "admissible", "calibration_of_bands", "clean_draws", "commands", "contact_events",
+    "admissible", "bursts", "calibration_of_bands", "clean_draws", "commands", "contact_events",
     "disturbances", "faults", "lab_cases", "layered_line", "live", "measured_kernels", "mgh",
     "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness",
     "rules", "screening", "screening_zones", "semi_blind", "tolerances",
-    "admissible", "bursts", "calibration_of_bands", "clean_draws", "commands", "disturbances",
-    "faults", "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
-    "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
-    "semi_blind", "tolerances",
 )  # fmt: skip
 
 
