@@ -158,7 +158,7 @@ class ReferenceSpectra:
     def has_contact(self) -> bool:
         """Whether its pressure is that of a contact, which changes with the skin."""
         scene = self.scenario.scene
-        return scene is not None and scene.contact_scene is not None
+        return scene is not None and scene.pressed is not None
 
     @property
     def speed_m_per_s(self) -> float:
@@ -172,6 +172,14 @@ class ReferenceSpectra:
     def relative_rms(self, change: Inexact[np.ndarray, "e k"]) -> float:
         """Relative rms of a change with this spectrum, behind the other effects."""
         return self.rms(self.transfer_of_others * change) / self.signal_rms
+
+    def relative_difference(
+        self, one: Inexact[np.ndarray, "e k"], other: Inexact[np.ndarray, "e k"]
+    ) -> float:
+        """The difference of two signals behind the other effects, over the smaller one and what
+        saturation leaves of it."""
+        raised = max(1.0, self.rms(self.transfer_of_others * self.signal) / self.signal_rms)
+        return raised * self.rms(one - other) / max(min(map(self.rms, (one, other))), TINY)
 
     def relative_rms_of_modulus(self, modulus: Float[np.ndarray, "e k"]) -> float:
         """Bound on `relative_rms` for a change known by the modulus of its spectrum alone: it may
@@ -240,7 +248,7 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
     weights = np.stack([film.charge_per_stress(np) for film in films])
     background, gain = map(np.asarray, _background_and_gain(scenario))
     periodic = isinstance(line, Periodic)
-    contact = scene.contact_scene
+    contact = scene.pressed
     p = None if contact is None else _pressure(contact, line, k)
     traction = np.asarray(deviation(scene, line, direction, periodic, p))
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)

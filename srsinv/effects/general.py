@@ -19,7 +19,7 @@ from ..forward.sensor import FilmSignal
 from ..forward.speed_profile import SpeedProfile
 from ..grid import Periodic, as_real
 from ._effect import Effect, MultiplicativeEffect, Order
-from ._reference import TINY, ReferenceSpectra
+from ._reference import ReferenceSpectra
 
 # The reference's contact is accurate to 1 % behind the rubber over the film. Short waves, which the
 # edge of a contact zone lets through, are off by more: bounds would fall short by 5 %.
@@ -95,12 +95,8 @@ class EnvelopeEffect(Effect):
             behind * reference.read(np.einsum("eck,ck->ek", np.asarray(each), traction))
             for each in transfers
         )
-        # Over the smaller of both signals, and what saturation leaves of it.
-        others = reference.rms(reference.transfer_of_others * reference.signal)
-        raised = max(1.0, others / reference.signal_rms)
-        raised = SHORT_WAVES * raised if reference.has_contact else raised
-        least = max(min(map(reference.rms, (signal, infinite))), TINY)
-        return raised * reference.rms(signal - infinite) / least
+        raised = SHORT_WAVES if reference.has_contact else 1.0
+        return raised * reference.relative_difference(signal, infinite)
 
 
 def _all_of_traction(reference: ReferenceSpectra) -> Complex[np.ndarray, "2 k"]:

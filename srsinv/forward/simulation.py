@@ -18,6 +18,7 @@ from .scenario import Scenario
 from .scene import Scene, deviation
 from .sensor import Sensor
 from .speed_profile import denser
+from .varying_friction import refuse_uneven
 
 SAME_RATE = 1e-6  # by which rates differ that only rounding tells apart
 
@@ -88,6 +89,7 @@ class Simulation(eqx.Module):
                 speed = float(self.scan.speed_m_per_s)
                 profiles = self.scenario.recorder.speed_profiles
                 return self.signal_along(denser(motion, times, speed, profiles))[:, ::times]
+        refuse_uneven(self.scene, bool(self.scenario.recorder.speed_profiles))
         own = float(self.scan.direction)
         traction, directions = self.traction(self.fine), motion.directions
         if len(directions) > 1:

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..compiled import compiled
 from ..errors import refuse
-from ..forward.film import StripAverage
+from ..forward.film import CellAverage
 from ..forward.noise import check_power, with_noise
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
@@ -73,7 +73,7 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
     power = np.interp(sim.line.k, record.k, record.spectrum) / typical
     # A cell has the mean of what is sampled on its way.
     sensor = sim.sensor.with_films(
-        lambda film: film.with_effect(StripAverage.at_depth(cell, film.depth_m))
+        lambda film: film.with_effect(CellAverage.at_depth(cell, film.depth_m))
     )
     data, observed = jnp.nan_to_num(signal), np.isfinite(signal)
     return _problem(sim, sensor, data, jnp.asarray(power), observed, mean_p_Pa, friction)

@@ -130,6 +130,11 @@ ACTING = {
         ("scene=ridge",),
         ("effects.fingerprint.modulation=0.01", "effects.fingerprint.pitch_m=0.001"),
     ),
+    "varying_friction": (
+        ("scene=ridge",), (),
+        ("amplifier=charge_dc", "effects.varying_friction.speed_exponent=0.1",
+         "effects.varying_friction.reference_speed_m_per_s=0.01"),
+    ),
     "amplifier_bandwidth": (("effects.amplifier_bandwidth.capacitance_F=1e-11",),),
     "antialias_filter": ((), ("effects.antialias_filter.cutoff_hz=5000",)),
     "sampling": ((),),
