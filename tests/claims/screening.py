@@ -37,8 +37,12 @@ SILENT: Mapping[str, Mapping[str, Any]] = {
 @jax.enable_x64(True)
 def measured(scene: int, is_silenced: bool = True) -> Mapping[float, Row]:
     """One scene, by tolerance; with `is_silenced` what is off is there at silent numbers."""
-    rows, done = {}, {}
-    cfg, key = configuration(scene), jax.random.key(0)
+    return measured_of(configuration(scene), is_silenced)
+
+
+def measured_of(cfg: config.Config, is_silenced: bool) -> Mapping[float, Row]:
+    """The scene of a configuration, by tolerance."""
+    rows, done, key = {}, {}, jax.random.key(0)
     full = config.simulation(cfg)
     for tolerance in TOLERANCES:
         screening = config.screened({**cfg, "tolerance": tolerance})[1]
