@@ -159,7 +159,7 @@ class ReferenceSpectra:
     def has_contact(self) -> bool:
         """Whether its pressure is that of a contact, which changes with the skin."""
         scene = self.scenario.scene
-        return scene is not None and scene.contact_scene is not None
+        return scene is not None and scene.pressed is not None
 
     @property
     def speed_m_per_s(self) -> float:
@@ -254,7 +254,7 @@ def reference(scenario: Scenario, line: Line) -> ReferenceSpectra:
     weights = np.stack([film.charge_per_stress(np) for film in films])
     background, gain = map(np.asarray, _background_and_gain(scenario))
     periodic = isinstance(line, Periodic)
-    contact = scene.contact_scene
+    contact = scene.pressed
     p = None if contact is None else _pressure(contact, line, k)
     traction = np.asarray(deviation(scene, line, direction, periodic, p))
     spectrum = np.fft.rfft(traction - background[:, None] if periodic else traction)

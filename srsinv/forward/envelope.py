@@ -11,7 +11,7 @@ comes after. Envelopes multiply each other.
 import abc
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any, Self
+from typing import Any
 
 import equinox as eqx
 import jax
@@ -52,14 +52,14 @@ class Envelope(eqx.Module):
         the kernel of a line load, which is x [m] before the film."""
 
     @abc.abstractmethod
-    def scaled(self, factor: Scalar) -> Self:
+    def scaled(self, factor: Scalar) -> "Envelope":
         """The envelope with every length times `factor`, as over features that cross x."""
 
     def kernel(self, kernel: Kernel) -> Kernel:
         """The kernel times the envelope."""
         return lambda x: times(self(-x), kernel(x))
 
-    def at_depth(self, depth_m: Any) -> Self:
+    def at_depth(self, depth_m: Any) -> "Envelope":
         """The envelope with nodes enough for a film at this depth [m]."""
         del depth_m
         return self
@@ -94,7 +94,7 @@ class ContactPatch(Envelope):
         inside = square > 0
         return jnp.where(inside, self._of_square(jnp.where(inside, square, 1.0)), 0.0)
 
-    def at_depth(self, depth_m: Any) -> Self:
+    def at_depth(self, depth_m: Any) -> "ContactPatch":
         """The zone with as many terms, 32, 64, ..., as rounding asks for: the kernel is analytic
         within a depth of the real axis, so that its expansion converges as exp(-n arcsinh(z/a)).
         Where jax traces a length: as it is, or with `TRACED_TERMS`."""
@@ -113,7 +113,7 @@ class ContactPatch(Envelope):
         values = times(half * as_real(weights * rest), kernel(half * as_real(nodes)))
         return lambda k: transform(power, nodes, values, k * half, terms)
 
-    def scaled(self, factor: Scalar) -> Self:
+    def scaled(self, factor: Scalar) -> "ContactPatch":
         return eqx.tree_at(lambda s: s.half_width_m, self, factor * self.half_width_m)
 
 
@@ -121,7 +121,7 @@ class HertzPatch(ContactPatch):
     """The contact zone of a solid finger: w = sqrt(1 - (xi/a)^2), as Hertz's pressure."""
 
     @classmethod
-    def under_load(cls, radius_m: Any, load_N_per_m: Any, contact_modulus_Pa: Any) -> Self:
+    def under_load(cls, radius_m: Any, load_N_per_m: Any, contact_modulus_Pa: Any) -> "HertzPatch":
         """The zone of a solid cylinder on a plate, a = sqrt(4 P R/(pi E*)) (Johnson 1985, 4.43).
 
         `radius_m` [m]: R; `load_N_per_m` [N/m]: P; `contact_modulus_Pa` [Pa]: E* = E/(1 - nu^2).
@@ -143,7 +143,9 @@ class FoundationPatch(ContactPatch):
     elastic foundation."""
 
     @classmethod
-    def under_load(cls, radius_m: Any, load_N_per_m: Any, foundation_Pa_per_m: Any) -> Self:
+    def under_load(
+        cls, radius_m: Any, load_N_per_m: Any, foundation_Pa_per_m: Any
+    ) -> "FoundationPatch":
         """The zone of a cylinder whose surface yields by the pressure over K, as springs side by
         side do, a = (3 P R/(2 K))^(1/3) (Johnson 1985, 4.59).
 
@@ -196,12 +198,14 @@ class FingerprintRidges(Envelope):
         turn, k0 = jnp.exp(1j * self.phase_rad), 2 * jnp.pi / self.pitch_m
 
         def shifted(k):
-            either = turn * transfer(k + k0) + turn.conj() * transfer(k - k0)
-            return transfer(k) + self.modulation / 2 * either
+            # At once, as the transfer of a zone takes longer to compile than to run.
+            every = transfer(jnp.concatenate([k, k + k0, k - k0]))
+            own, above, below = jnp.split(every, 3, axis=-1)
+            return own + self.modulation / 2 * (turn * above + turn.conj() * below)
 
         return shifted
 
-    def scaled(self, factor: Scalar) -> Self:
+    def scaled(self, factor: Scalar) -> "FingerprintRidges":
         return eqx.tree_at(lambda s: s.pitch_m, self, factor * self.pitch_m)
 
 

@@ -154,6 +154,12 @@ class StripAverage(LineEffect):
         return self.width_m / 2 * as_real(at), as_real(weights / 2)
 
 
+class CellAverage(StripAverage):
+    """The mean over the cell of a line that samples are recorded in."""
+
+    acts_on_signal = True
+
+
 class Offset(LineEffect):
     """The element sits at x(t) + offset_m."""
 

@@ -64,7 +64,7 @@ def turned_film(film: Film, angle_rad: Float[Array, ""]) -> Film:
     c, s = cosine(angle_rad), jnp.sin(angle_rad)
 
     def scaled(effect: LineEffect) -> LineEffect:
-        is_own = film.turn_rad is not None and isinstance(effect, StripAverage)
+        is_own = film.turn_rad is not None and is_of_strip(effect)
         return effect if is_own else effect.scaled(c)
 
     place = c * film.offset_m + s * film.offset_y_m, jnp.zeros_like(film.offset_y_m)

@@ -38,6 +38,12 @@ class Scene(eqx.Module):
         """Cell averages of p [Pa]."""
 
     @property
+    def pressed(self) -> "SurfaceScene | None":
+        """The surface that the skin is pressed on, whatever its friction; None where the pressure
+        is given."""
+        return self.contact_scene
+
+    @property
     def follows_speed(self) -> bool:
         """Whether its friction depends on the sliding speed."""
         return False

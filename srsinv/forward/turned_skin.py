@@ -164,6 +164,11 @@ def along_x(film: Film, skin: Skin) -> tuple[Film, Skin]:
     return in_own_axes(film, angle).with_effect(length), turned
 
 
+def is_of_strip(effect: LineEffect) -> bool:
+    """Whether it is the mean over the strip's own width, not over a cell of the line."""
+    return isinstance(effect, StripAverage) and not effect.acts_on_signal
+
+
 def with_length(film: Film, angle_rad: Float[Array, ""]) -> Film:
     """The film with the mean over its strip's length, under features whose normal makes the angle
     `angle_rad` with the strip's width."""
@@ -174,8 +179,6 @@ def in_own_axes(film: Film, angle_rad: Float[Array, ""]) -> Film:
     """The film without its turn, under features whose normal makes the angle `angle_rad` with its
     strip's width: the width is that along the normal."""
     c = cosine(angle_rad)
-    effects = tuple(
-        effect.scaled(c) if isinstance(effect, StripAverage) else effect for effect in film.effects
-    )
+    effects = tuple(effect.scaled(c) if is_of_strip(effect) else effect for effect in film.effects)
     film = eqx.tree_at(lambda f: f.turn_rad, film, None, is_leaf=lambda leaf: leaf is None)
     return eqx.tree_at(lambda f: f.effects, film, effects)

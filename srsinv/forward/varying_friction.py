@@ -63,8 +63,8 @@ class RubberFriction(Scene):
         ratio = as_real(number(f"{key}.relative_speed", relative_speed, wanted, above=0))
         self.speed_factor = ratio**exponent
 
-    def factor(self, p: Float[Array, " n"]) -> Float[Array, " n"]:
-        """The friction over the scene's, under pressures (n,) [Pa]."""
+    def factor(self, p: Float[Array, "*n"]) -> Float[Array, "*n"]:
+        """The friction over the scene's, under pressures of any shape [Pa]."""
         touches = p > 0
         relative = jnp.where(touches, p, 1.0) / jnp.where(touches, self.reference_pressure_Pa, 1.0)
         return self.speed_factor * relative**-self.pressure_exponent
@@ -74,8 +74,8 @@ class RubberFriction(Scene):
         return self.is_of_speed
 
     @property
-    def contact_scene(self) -> SurfaceScene | None:
-        return self.scene.contact_scene
+    def pressed(self) -> SurfaceScene | None:
+        return self.scene.pressed
 
     def with_skin(self, skin: Skin) -> "RubberFriction":
         return self._with(self.scene.with_skin(skin))

@@ -8,7 +8,7 @@ from jaxtyping import Array, Float
 
 from ..compiled import compiled
 from ..errors import refuse
-from ..forward.film import StripAverage
+from ..forward.film import CellAverage
 from ..forward.noise import check_power, cross_spectrum, split_gaussian, with_noise
 from ..forward.scan import Motion
 from ..forward.sensor import Sensor
@@ -83,7 +83,7 @@ def timed_problem(sim: Simulation, mean_p_Pa, key, friction=None) -> LineProblem
     power = jnp.asarray(on_cells(record.spectrum)), cross
     # A cell has the mean of what is sampled on its way.
     sensor = sim.sensor.with_films(
-        lambda film: film.with_effect(StripAverage.at_depth(cell, film.depth_m))
+        lambda film: film.with_effect(CellAverage.at_depth(cell, film.depth_m))
     )
     data, observed = jnp.nan_to_num(signal), np.isfinite(signal)
     return _problem(sim, sensor, data, power, observed, mean_p_Pa, friction)

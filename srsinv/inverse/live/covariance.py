@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ...errors import BadInput, echo, of_kind, refuse
-from ...forward.film import StripAverage
+from ...forward.film import CellAverage
 from ...forward.sensor import Sensor
 from ...grid import Convolution, Open, Periodic, as_real, wavenumbers
 from ..line.prior import Prior
@@ -102,12 +102,6 @@ def joint_covariance(
         values = values.swapaxes(0, 1)
     least = power.min(axis=1) / size[:components] ** 2
     return JointCovariance(values, size[:components], size[components:], least)
-
-
-class CellAverage(StripAverage):
-    """The mean over the cell that a sample is recorded in."""
-
-    acts_on_signal = True
 
 
 def _kernel(sensor: Sensor, cell_m: float, reach: int) -> Float[np.ndarray, "e c lag"]:
