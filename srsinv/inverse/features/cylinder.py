@@ -28,6 +28,8 @@ from ...errors import BadInput, refuse
 from ...forward.feature import ScanExtent
 from ...forward.oblique import TurnedSkin, turned
 from ...forward.operator import MotionOperator
+from ...forward.scan import Motion
+from ...forward.sensor import Sensor
 from ...forward.skin import Skin
 from ...forward.surface import Cylinder
 from ...forward.surface_feature import LEAST_RADIUS_M, LEAST_SINE_SQUARED, CylinderFeature
@@ -125,6 +127,10 @@ class CylinderLoading(ContactLoading):
         has_dc_gain = operator.field.has_dc_gain
         field = Convolution(charge, line.cell_m, line.n, circle, has_dc_gain)
         return dataclasses.replace(operator, field=field)
+
+    def with_operator_of(self, sensor: Sensor, motion: Motion) -> "CylinderLoading":
+        films = dataclasses.replace(sensor, skin=self.sensor.skin)
+        return dataclasses.replace(self, sensor=films, motion=motion)
 
     def params_at(self, features: Features, params: Any, setup: Setup) -> Any:
         if "nominal_pressure_Pa" in self.also:

@@ -94,6 +94,12 @@ class Loading(eqx.Module):
         del sensor, motion
         return self
 
+    def with_operator_of(self, sensor: Sensor, motion: Motion) -> "Loading":
+        """The loading as the operator is made of another sensor and motion, but not the contact:
+        itself where it leaves the operator as it is."""
+        del sensor, motion
+        return self
+
     @property
     def freed(self) -> tuple[str, ...]:
         """Names of the rig's facts that are fitted as parameters."""

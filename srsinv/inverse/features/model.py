@@ -175,7 +175,9 @@ class FeatureModel(eqx.Module):
     def with_setup(self, setup: Setup, motion: Motion) -> "FeatureModel":
         """The same features and line under another setup of the same films' number; `motion` is
         the one that is stated."""
-        return dataclasses.replace(self, operator=_under(self.operator, setup, motion))
+        operator = _under(self.operator, setup, motion)
+        loading = self.loading.with_operator_of(setup.sensor, setup.motion(motion))
+        return dataclasses.replace(self, operator=operator, loading=loading)
 
     def under(self, sensor: Sensor, motion: Motion) -> "FeatureModel":
         """The same features and line under another sensor of as many films, which jax may trace;
