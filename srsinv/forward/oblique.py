@@ -17,7 +17,7 @@ from jaxtyping import Array, Float
 from ..compiled import compiled
 from ..errors import number
 from ..grid import Line, as_real
-from .film import Film, LineEffect, StripAverage
+from .film import Film, LineEffect
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
 from .simulation import response

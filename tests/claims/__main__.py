@@ -14,14 +14,9 @@ from tests.claims.study import Study
 
 STUDIES = (
     "admissible", "bursts", "calibration_of_bands", "clean_draws", "commands", "contact_events",
-    "disturbances", "faults", "lab_cases", "layered_line", "live", "measured_kernels", "mgh",
-    "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness",
-    "rules", "screening", "screening_zones", "semi_blind", "tolerances",
-    "admissible", "calibration_of_bands", "clean_draws", "commands", "cylinder", "disturbances",
-    "faults",
-    "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
-    "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
-    "semi_blind", "tolerances",
+    "cylinder", "disturbances", "faults", "lab_cases", "layered_line", "live", "measured_kernels",
+    "mgh", "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands", "rigs",
+    "robustness", "rules", "screening", "screening_zones", "semi_blind", "tolerances",
 )  # fmt: skip
 
 
