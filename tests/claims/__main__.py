@@ -16,7 +16,7 @@ STUDIES = (
     "admissible", "calibration_of_bands", "clean_draws", "commands", "disturbances", "faults",
     "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
     "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
-    "semi_blind", "tolerances",
+    "semi_blind", "skin_acceleration", "tolerances",
 )  # fmt: skip
 
 
