@@ -36,9 +36,9 @@ def test_an_axis_that_nothing_drives_detects_nothing():
 
 def test_classes_far_apart_are_told_and_equal_ones_are_not():
     random = np.random.default_rng(1)
-    mixing = random.normal(size=(6, 6))
-    rows = random.normal(size=(3, 100, 6)) @ mixing
-    assert 0.25 < is_right(rows).mean() < 0.42
+    mixing = random.normal(size=(12, 12))
+    rows = random.normal(size=(3, 20, 12)) @ mixing  # few enough to be learned by heart
+    assert 0.15 < is_right(rows).mean() < 0.5
     apart = rows + 8 * np.arange(3)[:, None, None] * mixing[0]
     assert is_right(apart).mean() > 0.99
 
