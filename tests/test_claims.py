@@ -78,6 +78,20 @@ def test_bursts_are_within_their_intervals_and_none_is_claimed_without():
     assert max(row["passes_with_false_percent"] for row in silent) <= 2
 
 
+def test_film_and_accelerometer_together_gain_where_one_hides_the_other():
+    """As docs/explanation/paper.md says: friction on unknown roughness, and little elsewhere."""
+    rows = {
+        (row["what"], row["variation"]): row for row in read("skin_acceleration") if "gain" in row
+    }
+    gain, least, most = rows["friction", "amplitudes scatter by 1"]["gain"]
+    assert 0.1 < least < gain < most
+    assert rows["friction", "amplitudes scatter by 1"]["film"][1] < 1 / 3 + 0.05
+    nominal = [row["gain"] for (_, variation), row in rows.items() if variation == "nominal"]
+    assert len(nominal) == 5
+    assert max(gain for gain, *_ in nominal) < 0.05
+    assert sum(least > 0 for _, least, _ in nominal) == 4
+
+
 @pytest.fixture
 def counted(monkeypatch, tmp_path):
     """A study that counts its calls, with results of its own."""

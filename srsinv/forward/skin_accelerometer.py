@@ -200,7 +200,8 @@ class SkinAccelerometer(eqx.Module):
 
         They are those that `bursts.draw` gives the film for the same key, line and scan. The shear
         of each, times its patch's length along and across, is the force; only a tangential sensor
-        responds. The samples are of the instant, without a filter.
+        responds. A sample is the mean over the sampling interval before it, as one of the film's
+        rate signal is.
         """
         interval, per_s = bursts.interval_and_rate(line, scan)
         generator = self._generator(bursts)
@@ -257,16 +258,20 @@ class SkinAccelerometer(eqx.Module):
     def _sampled(
         self, generator: Float[Array, "3 3"], line: Line, interval: Float[Array, ""]
     ) -> Complex[Array, "3 k"]:
-        """Transfer from fresh states to the acceleration, over the samples in time: the row read of
-        (1 - z step)^-1, by Faddeev and LeVerrier, z one sample's delay."""
+        """Transfer from fresh states to the acceleration, the difference of the velocity between
+        samples over their interval: a row of (1 - z)/(1 - z step), by Faddeev and LeVerrier, z one
+        sample's delay."""
         step = jax.scipy.linalg.expm(generator * interval)
-        z, row, square = jnp.exp(-1j * line.k * line.cell_m), self._read, step @ step
+        turn, zero = line.k * line.cell_m, as_real(0.0)
+        velocity = 1 / (self.mass_kg * self.resonance_rad_per_s * interval)
+        z, square, row = jnp.exp(-1j * turn), step @ step, jnp.stack([zero, velocity, zero])
         first = jnp.trace(step)
         second = (first**2 - jnp.trace(square)) / 2
         third = jnp.exp(jnp.trace(generator) * interval)
         above = (row, row @ step - first * row, row @ square - first * (row @ step) + second * row)
         top = sum(each[:, None] * z[None] ** power for power, each in enumerate(above))
-        return top / (1 - first * z + second * z**2 - third * z**3)[None]
+        difference = 2j * jnp.sin(turn / 2) * jnp.exp(-0.5j * turn)  # 1 - z
+        return (difference / (1 - first * z + second * z**2 - third * z**3))[None] * top
 
 
 class ContactForce(Stage):

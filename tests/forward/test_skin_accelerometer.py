@@ -20,7 +20,7 @@ from srsinv.forward.vibration import lock_in
 from srsinv.grid import Open, Periodic, as_real
 from tests.forward.setups import derivatives, largest_error
 from tests.refusals import refused
-from tests.tiers import hardest
+from tests.tiers import hardest, rare
 
 MASS, STIFFNESS, CONTACT, ACROSS = 0.8e-3, 1.3e3, 7e-3, 6e-3
 TURN = float(np.sqrt(STIFFNESS / MASS))
@@ -97,7 +97,7 @@ def test_a_step_loses_half_of_its_work_to_damping(damping_ratio):
     assert abs(scipy.integrate.simpson(acceleration, x=time)) < 1e-9 * velocity.max()
 
 
-@pytest.mark.parametrize("damping_ratio", hardest(DAMPINGS, [0.2], [1.0]))
+@pytest.mark.parametrize("damping_ratio", rare(DAMPINGS, 0.01, 0.2, 1.0 + 1e-9, 3.0))
 def test_derivatives_are_finite_and_right(damping_ratio):
     """Forward and in reverse, of signals of both kinds, by mass, stiffness and damping."""
     force = jnp.asarray(np.random.default_rng(5).normal(size=(1, 12)))
@@ -152,7 +152,7 @@ PASSES = list(product([0.05, -0.02, 0.4], [0.05, 0.2, 1.0, 3.0]))
 
 
 @pytest.mark.parametrize(
-    ("speed", "damping_ratio"), hardest(PASSES, [(0.05, 0.2)], [(-0.02, 0.05), (0.4, 3.0)])
+    ("speed", "damping_ratio"), hardest(PASSES, [(0.05, 0.2)], [(-0.02, 0.05)])
 )
 def test_the_open_lines_kernel_is_that_of_the_passing_force(speed, damping_ratio):
     """Against the force of a cell that passes, sampled finely in time."""
@@ -230,11 +230,21 @@ def test_the_adjoint_is_the_transpose():
 
 # Events.
 
-LINE, DT = Periodic(256, 1e-4), 2e-3
+LINE, DT, NODES = Periodic(256, 1e-4), 2e-3, 40
 
 
 def snap_back(decay_s=5e-3, rate_hz=40.0):
     return SnapBackNoise.recorded_by(Sensor(), rate_hz, 1e3, 1.2e-3, decay_s, 9e-3)
+
+
+def mean_before(own, bursts, time_s):
+    """Mean of an event's acceleration over the interval before each of these times."""
+    at, weights = np.polynomial.legendre.leggauss(NODES)
+    start = np.maximum(time_s - DT, 0.0)
+    half = np.maximum(time_s - start, 0.0) / 2
+    places = start[:, None] + half[:, None] * (1 + at)
+    each = own.event(bursts, jnp.asarray(places.ravel()))
+    return half / DT * (np.asarray(each).reshape(places.shape) @ weights)
 
 
 @eqx.filter_jit
@@ -263,8 +273,7 @@ def test_events_add_up(decay_s, damping_ratio):
     total = np.zeros(256)
     for i in at:
         since = (np.arange(3 * 256) - i + float(age[i] / size[i])) * DT
-        one = np.asarray(own.event(bursts, jnp.asarray(since)))
-        total += float(size[i]) * one.reshape(3, 256).sum(axis=0)
+        total += float(size[i]) * mean_before(own, bursts, since).reshape(3, 256).sum(axis=0)
     assert largest_error(drawn, total) < 1e-8
     back = _events(own, bursts, key, ConstantSpeed(-0.05))
     np.testing.assert_allclose(np.asarray(back)[0, ::-1], drawn, rtol=1e-12, atol=1e-14)
@@ -284,12 +293,12 @@ def test_an_event_is_a_step_that_relaxes():
 @pytest.mark.full
 def test_event_spectrum_is_campbells():
     own, bursts = accelerometer(), snap_back()
-    ages = (np.arange(200) + 0.5) / 200
+    ages = (np.arange(60) + 0.5) / 60
     times = DT * (np.arange(256)[None] + ages[:, None])
-    each = np.asarray(own.event(bursts, jnp.asarray(times.ravel()))).reshape(times.shape)
+    each = mean_before(own, bursts, times.ravel()).reshape(times.shape)
     expected = 40.0 * DT * np.mean(np.abs(np.fft.rfft(each)) ** 2, axis=0)
     ours = own.event_spectrum(bursts, LINE, SCAN)
-    np.testing.assert_allclose(ours, expected, rtol=1e-4, atol=1e-9 * expected.max())
+    np.testing.assert_allclose(ours, expected, rtol=2e-3, atol=1e-6 * expected.max())
 
 
 # Noise, and what cannot be.
