@@ -13,7 +13,8 @@ from tests.claims import readme
 from tests.claims.study import Study
 
 STUDIES = (
-    "admissible", "calibration_of_bands", "clean_draws", "commands", "disturbances", "faults",
+    "admissible", "calibration_of_bands", "clean_draws", "commands", "directions", "disturbances",
+    "faults",
     "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
     "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
     "semi_blind", "tolerances",

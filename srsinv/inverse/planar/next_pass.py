@@ -32,7 +32,7 @@ from .finder import Direction
 from .signal import PlanarSignal, StraightFeature
 
 DRAWS = 4  # from the posterior, over which the gain is averaged
-HEADINGS, SPEEDS, DESCENTS = 8, 3, 2  # tried at first, and the best of them that are improved
+HEADINGS, SPEEDS, DESCENTS = 6, 3, 1  # tried at first, and the best of them that are improved
 LEAST = 0.05  # of the mean of a width or a pitch, below which no draw falls
 
 
@@ -193,7 +193,7 @@ def _improved(gain: ExpectedGain, start: np.ndarray, speeds: tuple[float, float]
 
     result: Any = scipy.optimize.minimize(
         slope, start, jac=True, method="L-BFGS-B", bounds=[(None, None), speeds],
-        options={"maxiter": 30, "ftol": 1e-6},
+        options={"maxiter": 10, "ftol": 1e-4},
     )  # fmt: skip
     return result.x, -float(result.fun), int(result.nfev)
 
