@@ -18,6 +18,11 @@ STUDIES = (
     "mgh", "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands", "rigs",
     "robustness", "rules", "screening", "screening_zones", "semi_blind", "skin_acceleration",
     "tolerances",
+    "admissible", "calibration_of_bands", "clean_draws", "commands", "directions", "disturbances",
+    "faults",
+    "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
+    "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
+    "semi_blind", "tolerances",
 )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from ...forward.planar import PathScan
 from ...grid import as_real
 from ..features.search import separated
 from ..nonlinear import Fit, fit
-from .signal import LINEAR, PlanarSignal, Range, StraightFeature
+from .signal import LINEAR, PlanarSignal, Range, StraightFeature, for_each_scan
 
 AT_ONCE = 64  # trials
 
@@ -37,6 +37,14 @@ class Direction:
     parameters: Mapping[str, tuple[float, float]]
     fit: Fit
     signal: Float[np.ndarray, "e sample"]
+
+    def posterior(
+        self, names: Sequence[str]
+    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
+        """Values and covariance of the fitted parameters, in the order of `names`."""
+        at = [self.fit.names.index(name) for name in names]
+        values = np.array([float(self.fit.value[name]) for name in names])
+        return values, self.fit.covariance[np.ix_(at, at)]
 
 
 class DirectionFinder:
@@ -84,12 +92,12 @@ class DirectionFinder:
     def __call__(
         self,
         y: Float[np.ndarray, "e sample"],
-        noise_rms: float | Float[np.ndarray, " e"] | None = None,
+        noise_rms: float | Float[np.ndarray, "#e #sample"] | None = None,
     ) -> Direction:
         """Fit the feature to `y`, the samples of one path after those of the other.
 
-        `noise_rms`: of all elements, or of each (e,); None: the same in all, its level from the
-        residual.
+        `noise_rms`: of all elements, of each (e, 1), or of each sample, infinite where one is left
+        out; None: the same in all, its level from the residual.
         """
         y, scans = np.asarray(y, float), self.signal.scans
         shape = len(scans[0].sensor.elements), sum(scan.path.samples for scan in scans)
@@ -98,16 +106,15 @@ class DirectionFinder:
             f"The signal has the shape {y.shape}: give (element, sample) as the sensor and the "
             f"circle have them, {shape}.",
         )
-        rms = np.ones(shape[0]) if noise_rms is None else np.broadcast_to(noise_rms, shape[0])
+        rms = np.broadcast_to(1.0 if noise_rms is None else noise_rms, shape)
         first, *others = self._starts(y, rms)
         starts = {name: [each[name] for each in others] for name in first} if others else None
         free = [name for name in self._ranges if name in first]
-        noise = None if noise_rms is None else np.broadcast_to(rms[:, None], shape)
         fitted = fit(
             self.signal,
             first | dict.fromkeys(LINEAR, 0.0),
             y,
-            noise=noise,
+            noise=None if noise_rms is None else rms,
             bounds={name: self._ranges[name] for name in free},
             priors=self._priors,
             starts=starts,
@@ -119,13 +126,9 @@ class DirectionFinder:
 
     def _starts(self, y: np.ndarray, rms: np.ndarray) -> list[dict[str, float]]:
         """Parameters to start from, the best first: those whose best amplitudes explain most."""
-        means, at = [], 0
-        for scan, size in zip(self.signal.scans, self._sizes, strict=True):
-            own = np.nan_to_num(y[:, at : at + scan.path.samples // size * size])
-            means.append(own.reshape(len(y), -1, size).mean(axis=-1))
-            at += scan.path.samples
-        weighted = np.concatenate(means, axis=-1) / rms[:, None]
-        bank = (self._bank / rms[:, None]).reshape(*self._bank.shape[:2], -1)
+        weight = 1 / self._means(rms)
+        bank = (self._bank * weight).reshape(*self._bank.shape[:2], -1)
+        weighted = self._means(np.nan_to_num(y)) * weight
         gram = bank @ bank.swapaxes(1, 2)
         # Slightly damped, for features that the paths hardly meet.
         count = gram.shape[-1]
@@ -133,15 +136,24 @@ class DirectionFinder:
         projections = bank @ weighted.ravel()
         amplitudes = np.linalg.solve(gram, projections[..., None])[..., 0]
         explained = np.sum(projections * amplitudes, axis=-1)
-        feature, values = self.signal.feature, list(self._trials.values())
+        feature, tried = self.signal.feature, list(self._trials.values())
         return [
             feature.start(
                 {name: float(each[at]) for name, each in self._trials.items()},
                 amplitudes[at],
                 self._ranges,
             )
-            for at in separated(values, explained)
+            for at in separated(tried, explained)
         ]
+
+    def _means(self, y: np.ndarray) -> np.ndarray:
+        """The means over the groups of samples that the search takes."""
+        means, at = [], 0
+        for scan, size in zip(self.signal.scans, self._sizes, strict=True):
+            own = y[:, at : at + scan.path.samples // size * size]
+            means.append(own.reshape(len(y), -1, size).mean(axis=-1))
+            at += scan.path.samples
+        return np.concatenate(means, axis=-1)
 
 
 def _range(name: str, given: Range) -> Range:
@@ -171,8 +183,6 @@ def _columns(
     signal: PlanarSignal, trials: Mapping[str, Any], ranges: Mapping[str, Any]
 ) -> Float[Array, "start column e sample"]:
     def at(trial):
-        return jax.numpy.concatenate(
-            [signal.feature.columns(scan, trial, ranges) for scan in signal.scans], axis=-1
-        )
+        return for_each_scan(lambda scan: signal.feature.columns(scan, trial, ranges), signal.scans)
 
     return jax.lax.map(at, trials, batch_size=AT_ONCE)

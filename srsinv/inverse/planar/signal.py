@@ -6,7 +6,7 @@ no information, and nothing has to choose between elements.
 """
 
 import abc
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
 import equinox as eqx
@@ -173,7 +173,7 @@ class PlanarSignal(eqx.Module):
     def unit(self, params: Mapping[str, Any]) -> Float[Array, "2 e sample"]:
         """The signals of 1 N/m of load, and of 1 N/m of shear along the velocity."""
         angle, load = jnp.deg2rad(params["angle_deg"]), self.feature.load(params)
-        return jnp.concatenate([scan.unit(angle, load) for scan in self.scans], axis=-1)
+        return for_each_scan(lambda scan: scan.unit(angle, load), self.scans)
 
     def whitened_slopes(
         self, row: Float[Array, " m"], noise_rms: Float[Array, " e"]
@@ -185,6 +185,17 @@ class PlanarSignal(eqx.Module):
             return self(dict(zip(self.feature.names, row, strict=True)))
 
         return jax.jacfwd(signal)(row) / noise_rms[:, None, None]
+
+
+def for_each_scan(one: Callable[[PathScan], Array], scans: Sequence[PathScan]) -> Array:
+    """`one` of every scan, joined along the samples; of scans of one form by one program."""
+    (first, form), *others = (jax.tree.flatten(scan) for scan in scans)
+    if not others or any(own != form for _, own in others):
+        return jnp.concatenate([one(scan) for scan in scans], axis=-1)
+    leaves = zip(first, *(each for each, _ in others), strict=True)
+    stacked = jax.tree.unflatten(form, [jnp.stack(each) for each in leaves])
+    joined = jnp.moveaxis(jax.vmap(one)(stacked), 0, -2)
+    return joined.reshape(*joined.shape[:-2], -1)
 
 
 @compiled
