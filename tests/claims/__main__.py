@@ -14,15 +14,10 @@ from tests.claims.study import Study
 
 STUDIES = (
     "admissible", "bursts", "calibration_of_bands", "clean_draws", "commands", "contact_events",
-    "cylinder", "disturbances", "faults", "lab_cases", "layered_line", "live", "measured_kernels",
-    "mgh", "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands", "rigs",
-    "robustness", "rules", "screening", "screening_zones", "semi_blind", "skin_acceleration",
-    "tolerances",
-    "admissible", "calibration_of_bands", "clean_draws", "commands", "directions", "disturbances",
-    "faults",
-    "lab_cases", "layered_line", "live", "measured_kernels", "mgh", "passes", "plans",
-    "raw_rigs", "regularisation_tools", "rig_bands", "rigs", "robustness", "rules", "screening",
-    "semi_blind", "tolerances",
+    "cylinder", "directions", "disturbances", "faults", "lab_cases", "layered_line", "live",
+    "measured_kernels", "mgh", "passes", "plans", "raw_rigs", "regularisation_tools", "rig_bands",
+    "rigs", "robustness", "rules", "screening", "screening_zones", "semi_blind",
+    "skin_acceleration", "tolerances",
 )  # fmt: skip
 
 
