@@ -153,7 +153,7 @@ class OneBurst:
         grid = self._on(samples, box)
         for share, least in ZOOMS:
             floor = grid.log_ratio.max() - max(share * grid.log_ratio.max(), least)
-            inside = grid.log_ratio > floor
+            inside = grid.log_ratio >= floor
             keep = [np.flatnonzero(inside.any(axis=axes)) for axes in ((1, 2), (0, 2), (0, 1))]
             samples = grid.samples[keep[0][0] : keep[0][-1] + 1]
             smaller = box.copy()
