@@ -21,7 +21,7 @@ from .film import Film, LineEffect
 from .scan import ConstantSpeed, Motion
 from .sensor import Sensor
 from .simulation import response
-from .turned_skin import StripLength, TurnedSkin, cosine, is_of_strip
+from .turned_skin import TurnedSkin, cosine, is_of_strip, with_length
 
 Scan = TypeVar("Scan", ConstantSpeed, Motion)
 

@@ -25,7 +25,7 @@ from .estimate import LOCATED, BurstEstimate, Found, FoundBursts
 from .model import BurstModel, Everything
 from .posterior import Burst, Others
 from .rate import burst_rate, first_sizes
-from .search import LOUDER, Search
+from .search import CROWD, LOUDER, Search, crowded
 
 ROUNDS = 4  # of levels and bursts in turn, at most
 LEVELS, STEPS = (-3.0, 3.0), 13  # decades of the small bursts' power about the noise's, and steps
@@ -218,6 +218,7 @@ class Pass:
             own = moved if own is None else np.concatenate([np.asarray(own), moved])
             sources = (*sources, *("bursts",) * len(moved))
         lost = () if found.is_located.all() else _not_located(found)
+        lost = (*lost, *(_CROWDED if crowded(self.model.n, bursts) else ()))
         fields = {f.name: getattr(made, f.name) for f in dataclasses.fields(TractionEstimate)}
         rate, stderr_hz, low, high = found.rate_hz
         return BurstEstimate(
@@ -267,12 +268,12 @@ class Pass:
         self, bursts: list[Burst], made: TractionEstimate, problem: LineProblem
     ) -> Float[np.ndarray, "j c n"] | None:
         """Changes of the traction by errors of the bursts, in independent directions of these."""
-        others = Others.of(self.model, self.search.rests[0], bursts)
+        others = Others.of(self.model, self.search.rests[0], self.search.prior, bursts)
         if others is None or made.covariance is None:
             return None
         columns = np.concatenate([each.tangents(self.model) for each in bursts])
-        root = np.linalg.cholesky(others.covariance)
-        signals = self._in_time(np.fft.irfft(np.einsum("cek,cj->jek", columns, root), self.model.n))
+        spectra = np.einsum("cek,cj->jek", columns, others.root)
+        signals = self._in_time(np.fft.irfft(spectra, self.model.n))
         inverse = np.linalg.inv(self._noise(self.small_power))
         if self.problem.has_free_offset:
             inverse[0] = 0.0
@@ -281,6 +282,12 @@ class Pass:
         right = np.einsum("eck,jek->jck", transfer.conj(), weighed)
         moved = np.einsum("cdk,jdk->jck", np.asarray(made.covariance), right)
         return np.fft.irfft(moved, self.model.n)
+
+
+_CROWDED = (
+    f"{CROWD} bursts are at one place of the pass, where the model of the traction may be wrong: "
+    "check what is stated, such as friction, or take none of them as a burst.",
+)
 
 
 def _not_located(found: FoundBursts) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ BESIDE = 3  # samples on each side of the likeliest, which the first sample may 
 DECAYS, PLACES = 16, 64  # of the grid
 ZOOMS = ((0.1, 14.0), (0.02, 14.0), (0.0, 12.0), (0.0, 12.0))
 DRAWS, AGES = 2000, 16
+LEAST_LEFT = 1e-9  # of Q, beside other bursts
 
 
 class SizePrior(NamedTuple):
@@ -76,24 +77,33 @@ class Burst(NamedTuple):
 
 class Others(NamedTuple):
     """Bursts beside the one in question, free to move about their likeliest values: C^-1 times
-    their tangents (c, e, k), and the inverse of their precision (c, c)."""
+    their tangents (c, e, k), and a root of the inverse of their precision (c, c)."""
 
     weighed: Complex[np.ndarray, "c e k"]
-    covariance: Float[np.ndarray, "c c"]
+    root: Float[np.ndarray, "c c"]
 
     @classmethod
-    def of(cls, model: BurstModel, rest: Everything, bursts: list[Burst]) -> "Others | None":
-        """None without any."""
+    def of(
+        cls, model: BurstModel, rest: Everything, prior: SizePrior, bursts: list[Burst]
+    ) -> "Others | None":
+        """None without any. Sizes are free within the widest of the prior's."""
         if not bursts:
             return None
         columns = np.concatenate([each.tangents(model) for each in bursts])
         weighed = rest.weigh(columns)
         decades = np.log(model.decay_s[1] / model.decay_s[0])
-        widths = [np.inf, model.contact_m, max(decades, 1e-3)]
-        precision = rest.dot(columns, weighed) + np.diag(
-            np.tile([12 / width**2 for width in widths], len(bursts))
-        )
-        return cls(weighed, np.linalg.inv(precision))
+        free = [prior.rms_Pa.max() ** -2, 12 / model.contact_m**2, 12 / max(decades, 1e-3) ** 2]
+        precision = rest.dot(columns, weighed) + np.diag(np.tile(free, len(bursts)))
+        # In units of their own, as shears, lengths and logarithms are of different sizes.
+        unit = 1 / np.sqrt(np.diag(precision))
+        values, vectors = np.linalg.eigh(unit[:, None] * precision * unit)
+        values = np.maximum(values, np.finfo(float).eps * values.max())
+        return cls(weighed, unit[:, None] * vectors / np.sqrt(values))
+
+    @property
+    def covariance(self) -> Float[np.ndarray, "c c"]:
+        """The inverse of their precision."""
+        return self.root @ self.root.T
 
 
 class Grid(NamedTuple):
@@ -171,13 +181,14 @@ class OneBurst:
         log_decay, place = _middles(box[0], DECAYS), _middles(box[1], PLACES)
         waves, responses = model.decaying(np.exp(log_decay)), model.responses(place)
         along = self._along(waves, samples, self.weighed[None])[0] @ responses
-        square = self.rest.squares(waves, responses)[None]
+        square = whole = self.rest.squares(waves, responses)[None]
         if self.others is not None:
             each = self._along(waves, samples, self.others.weighed)
             each = np.einsum("cmte,ey->cmty", each, responses, optimize=True)
             taken = np.einsum("cmty,cd->dmty", each, self.others.covariance, optimize=True)
             square = square - np.sum(taken * each, axis=0)
-        square = np.maximum(square, np.finfo(float).tiny)
+        # What others leave of it is a difference, which rounding must not make nothing.
+        square = np.maximum(square, LEAST_LEFT * whole + np.finfo(float).tiny)
         left = model.left(np.exp(log_decay))[None, :, None]
         ratio = self.prior.log_ratio(along, square, left)
         square = np.broadcast_to(square, along.shape)

@@ -18,6 +18,9 @@ FALSE_CLAIMS = 0.02  # of passes without bursts, at most
 LOUDER = 1e3
 NEAR = 40  # samples within which bursts are fitted together
 AWAY = 20  # samples between bursts that are claimed in one round
+CROWD = (
+    4  # bursts near each other, at most: more are no bursts, but what the traction's model misses
+)
 ROUNDS, SWEEPS = 20, 2
 DECAYS, PLACES = 6, 41  # of the scan
 FAINT = 1e-9  # of the largest square: a place that no element responds to gives nothing
@@ -52,21 +55,27 @@ class Search:
         return self._confirmed(bursts)
 
     def refined(self, bursts: list[Burst], which: "range | list[int]") -> list[Burst]:
-        """The bursts with each of `which` at its likeliest, given the others."""
-        bursts = list(bursts)
+        """The bursts with each of `which` at its likeliest, given the others; as they were where
+        that leaves more of the signals unexplained, as bursts do that drive each other away."""
+        given, bursts = bursts, list(bursts)
         for _ in range(SWEEPS):
             for j in which:
                 one = self.one(bursts, j)
                 bursts[j] = one.likeliest(one.around(bursts[j].sample))
             which = [j for j in which if len(_near(self.model.n, bursts, j)) > 1]
-        return bursts
+        return bursts if self._left(bursts) <= self._left(given) else given
+
+    def _left(self, bursts: list[Burst]) -> float:
+        """Chi-square of the signals less these bursts."""
+        left = self.without(bursts)[None]
+        return float(self.rests[0].dot(left, self.rests[0].weigh(left))[0, 0])
 
     def one(self, bursts: list[Burst], j: int, level: int = 0) -> OneBurst:
         """The posterior of one of the bursts beside the others."""
         near = [i for i in _near(self.model.n, bursts, j) if i != j]
         data = self.without([each for i, each in enumerate(bursts) if i != j])
         rest = self.rests[level]
-        others = Others.of(self.model, rest, [bursts[i] for i in near])
+        others = Others.of(self.model, rest, self.prior, [bursts[i] for i in near])
         return OneBurst(self.model, rest, self.prior, data, others)
 
     def surest_grids(self, bursts: list[Burst]) -> list[Grid]:
@@ -88,6 +97,8 @@ class Search:
             if heights[sample] < least:  # or looked at with a neighbour
                 continue
             if any(_apart(n, sample, each.sample) < AWAY for each in added):
+                continue
+            if sum(_apart(n, sample, each.sample) <= NEAR for each in bursts) >= CROWD:
                 continue
             ones = [OneBurst(self.model, rest, self.prior, data) for rest in self.rests]
             grids = [one.around(sample) for one in ones]
@@ -127,6 +138,11 @@ class Search:
             over = np.maximum(square, FAINT * square.max())[:, None]
             highest = np.maximum(highest, np.max(along**2 / over, axis=0) / 2)
         return highest
+
+
+def crowded(n: int, bursts: list[Burst]) -> bool:
+    """Whether as many bursts as may be are near each other."""
+    return any(len(_near(n, bursts, j)) >= CROWD for j in range(len(bursts)))
 
 
 def _apart(n: int, one: int, other: int) -> int:
