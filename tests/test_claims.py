@@ -8,7 +8,7 @@ from tests.claims import readme
 from tests.claims.__main__ import STUDIES, study
 from tests.claims.study import RESULTS, Study, read
 
-UNFINISHED = {"directions", "lab_cases", "measured_kernels", "plans"}  # hours that nobody has spent yet
+UNFINISHED = {"directions", "lab_cases", "measured_kernels", "plans"}  # hours, not spent yet
 ENV = readme.environment()
 SAID = [
     (readme.digits(0.0832, "%"), "8.3"),
