@@ -91,12 +91,13 @@ def passes(kind: str, scene: int, draw: int) -> Row:
 
     over = PassesOver(device, drawn, LIMITS, seed=1000 * scene + draw)
     found, paths = over.proposed()
+    steps = list(enumerate(paths, 1))
     rows = {"proposed": ends(found), "fixed": ends(over.fixed(SPEED)),
             "fixed_fast": ends(over.fixed(LIMITS.greatest_speed_m_per_s))}  # fmt: skip
     return {
         "truth_deg": float(drawn.truth[0]),
-        "headings_deg": [float(np.rad2deg(path.heading_rad)) for path in paths],
-        "speeds_m_per_s": [float(path.speed_m_per_s) for path in paths],
+        **{f"heading_deg_{n}": float(np.rad2deg(path.heading_rad)) for n, path in steps},
+        **{f"speed_m_per_s_{n}": float(path.speed_m_per_s) for n, path in steps},
         **{f"{name}_{arm}": value for arm, row in rows.items() for name, value in row.items()},
     }
 
