@@ -53,6 +53,7 @@ def _against(ds: xarray.Dataset, name: str, located: np.ndarray) -> Panel:
     """A quantity of bursts with its interval over its truth."""
     truth, value = ds[f"true_{name}"], ds[f"{name}_value"]
     ends = np.array([truth.min(), truth.max()]) if truth.size else np.zeros(2)
+    ends = ends + 0.05 * np.ptp(ends) * np.array([-1, 1])  # so that no bar is on the frame
     curves = [Curve(ends, "truth", x=ends, look={"color": TRUTH, "linestyle": "--"})]
     for label, mask, marker in (("located", located, "o"), ("not located", ~located, "s")):
         if not mask.any():
