@@ -193,7 +193,7 @@ def test_a_static_touch_gives_no_signal():
 # Along a motion.
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_an_even_motion_is_the_constant_speed():
     """Once what the first samples left has decayed, and to the second order in the sampling."""
     line = Periodic(512, 5e-5)
@@ -290,7 +290,7 @@ def test_an_event_is_a_step_that_relaxes():
     np.testing.assert_array_equal(accelerometer(axis="normal").event(bursts, time), 0.0)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_event_spectrum_is_campbells():
     own, bursts = accelerometer(), snap_back()
     ages = (np.arange(60) + 0.5) / 60
@@ -335,7 +335,7 @@ def _traced(own, r):
     return own.operator(Open(64, 1e-4), SCAN)(r)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_traced_sensors_have_the_same_signal():
     r = jnp.asarray(np.random.default_rng(2).normal(size=(2, 64)))
     expected = accelerometer().operator(Open(64, 1e-4), SCAN)(r)

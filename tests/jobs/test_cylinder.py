@@ -9,7 +9,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("cylinder",)
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, claims=FORMS)
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def result():
     return short_run(*FORMS)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_radius_and_angle_are_found(result):
     found = result.dataset
     assert np.all(found["error_over_bound"] < 3)
@@ -25,7 +25,7 @@ def test_radius_and_angle_are_found(result):
     assert np.all(found["contact_width"] < 0.2 * float(found["resolved_wavelength_m"]))
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_page_is_whole(result):
     check_page(result)
 

@@ -85,9 +85,10 @@ class RidgeShape(StraightFeature):
 
     def trials(self, reach_m: float, cell_m: float, ranges: Mapping[str, Range]) -> Trials:
         low, high = np.clip(ranges["distance_m"], -reach_m, reach_m)
-        angles = np.rad2deg(np.arange(0, np.pi, cell_m / reach_m))
-        distances = np.linspace(low, high, 2 * int(np.ceil((high - low) / (2 * cell_m))) + 1)
-        return _grid("distance_m", angles, distances)
+        halves = int(np.ceil((high - low) / (2 * cell_m)))
+        return _grid(
+            "distance_m", cell_m / reach_m, 2 * halves + 1, lambda n: np.linspace(low, high, n)
+        )
 
     def columns(self, scan, trial, ranges) -> Float[Array, "column e sample"]:
         low, high = ranges["width_m"]
@@ -128,8 +129,7 @@ class GratingShape(StraightFeature):
         low, high = ranges["pitch_m"]
         step = min(low / (4 * reach_m), 0.5)
         count = 1 + int(np.ceil(np.log(high / low) / step))
-        angles = np.rad2deg(np.arange(0, np.pi, step))
-        return _grid("pitch_m", angles, np.geomspace(low, high, count))
+        return _grid("pitch_m", step, count, lambda n: np.geomspace(low, high, n))
 
     def columns(self, scan, trial, ranges) -> Float[Array, "column e sample"]:
         # The first harmonic at both of its phases stands for a grating at any distance.
@@ -142,14 +142,16 @@ class GratingShape(StraightFeature):
         return {**trial, "distance_m": float(phase * trial["pitch_m"])}
 
 
-def _grid(name: str, angles_deg: np.ndarray, values: np.ndarray) -> Trials:
-    count = angles_deg.size * values.size
+def _grid(name: str, step_rad: float, count: int, spread: Callable[[int], np.ndarray]) -> Trials:
+    """Angles of half a turn, `step_rad` apart, with so many values of another parameter each."""
+    total = np.pi / step_rad * count
     refuse(
-        count > MOST_TRIED,
-        f"The paths have {count:.0e} combinations of angle and {name} to search: give shorter "
+        total > MOST_TRIED,
+        f"The paths have {total:.0e} combinations of angle and {name} to search: give shorter "
         f"paths, or a narrower range of {name}.",
     )
-    both = np.meshgrid(angles_deg, values, indexing="ij")
+    angles_deg = np.rad2deg(np.arange(0, np.pi, step_rad))
+    both = np.meshgrid(angles_deg, spread(count), indexing="ij")
     return {"angle_deg": both[0].ravel(), name: both[1].ravel()}
 
 

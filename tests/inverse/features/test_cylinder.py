@@ -75,7 +75,7 @@ def test_both_signs_of_the_angle_have_the_same_signal():
     np.testing.assert_allclose(*signs, rtol=1e-9, atol=1e-24)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 @pytest.mark.parametrize("angle_deg", [0.0, 20.0])
 def test_derivatives_are_differences(angle_deg):
     """By the squared sine also at an angle of 0, where that by the angle is 0."""
@@ -95,7 +95,7 @@ def test_derivatives_are_differences(angle_deg):
         assert error < 1e-3 * np.linalg.norm(change), AXES[i]
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_friction_turns_with_the_motion():
     back = Motion(SCAN.motion.time_s, -SCAN.motion.position_m, -SCAN.motion.speed_m_per_s)
     window = Window(-0.012, 0.012)
@@ -112,7 +112,7 @@ def test_friction_turns_with_the_motion():
     np.testing.assert_allclose(turned_back, -onwards[:, ::-1], atol=1e-9 * np.abs(onwards).max())
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_the_reported_pressure_bears_the_nominal_load():
     """And the gap beside it opens: the skin reaches no plate."""
     model = model_of(SCAN, CylinderFeature())
@@ -142,7 +142,7 @@ def test_radius_and_angle_are_found_without_a_start(draws):
             assert draw.stderr(name) == pytest.approx(bound, rel=0.1), name
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_radius_that_is_not_identified_is_reported_so(draws):
     """With an interval from 0, where its standard error would exceed it."""
     for draw in draws[30.0]:
