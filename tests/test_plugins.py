@@ -344,7 +344,7 @@ def test_an_option_without_a_name_is_refused(group):
         config.part({group: TV}, group)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_two_configurations_of_a_method_keep_their_labels(folder, tmp_path, capsys):
     own = ["--config-dir", str(folder), *SMALL[:-1], f"hydra.run.dir={tmp_path}/r"]
     assert main([*own, "method=[tv]", "+method@method.tv_strong=tv"]) == 0
@@ -438,7 +438,7 @@ def test_the_next_command_of_an_inspection_names_the_reader_and_its_folder(folde
     assert not any("_target_" in word for word in following)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_each_run_of_a_sweep_lists_the_plugins_of_its_own(folder, scan):
     into = f"hydra.sweep.dir={scan.parent}/sweep"
     assert read_by("shared,lab", folder, scan, "-m", "experiment=inspect_recording", into) == 0

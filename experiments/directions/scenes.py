@@ -43,7 +43,7 @@ SHAPES: dict[str, StraightFeature] = {
 
 
 @dataclass(frozen=True)
-class DrawnFeature:
+class RandomFeature:
     """A feature of a `kind`, and its parameters' `truth` in the order of the shape's names."""
 
     kind: str
@@ -51,7 +51,7 @@ class DrawnFeature:
     truth: Float[np.ndarray, " m"]
 
 
-def draw_feature(kind: str, rng: np.random.Generator, place_m: float = 1e-3) -> DrawnFeature:
+def draw_feature(kind: str, rng: np.random.Generator, place_m: float = 1e-3) -> RandomFeature:
     """A ridge or a grating of random direction, place (up to `place_m`), load, size and
     friction."""
     angle, distance = rng.uniform(0, 180), rng.uniform(-place_m, place_m)
@@ -63,7 +63,7 @@ def draw_feature(kind: str, rng: np.random.Generator, place_m: float = 1e-3) -> 
     else:
         own = {"load_N_per_m": load, "width_m": WIDTH_SHARE * size, "friction": friction}
         feature = ObliqueGrating(*where, size, RIDGES, **own)
-    return DrawnFeature(kind, feature, np.array([angle, distance, size, load, load * friction]))
+    return RandomFeature(kind, feature, np.array([angle, distance, size, load, load * friction]))
 
 
 def noise_rms(path: PlanarPath) -> float:
@@ -71,7 +71,7 @@ def noise_rms(path: PlanarPath) -> float:
     return JOHNSON_V * float(np.sqrt(0.5 / path.interval_s))
 
 
-def errors(drawn: DrawnFeature, found: Direction) -> Float[np.ndarray, " m"]:
+def errors(drawn: RandomFeature, found: Direction) -> Float[np.ndarray, " m"]:
     """Errors of the parameters; of the two equivalent angles and of a grating's distances the
     nearest."""
     value, _ = found.posterior(SHAPES[drawn.kind].names)
@@ -87,7 +87,7 @@ def errors(drawn: DrawnFeature, found: Direction) -> Float[np.ndarray, " m"]:
 class PassesOver:
     """Passes over one feature by one sensor, the first of which detected it."""
 
-    def __init__(self, sensor: Sensor, drawn: DrawnFeature, limits: PassLimits, seed: int):
+    def __init__(self, sensor: Sensor, drawn: RandomFeature, limits: PassLimits, seed: int):
         self.sensor, self.drawn, self.limits = sensor, drawn, limits
         self._rng = np.random.default_rng(seed)
         first = limits.path(np.deg2rad(FIRST_DEG), SPEED)

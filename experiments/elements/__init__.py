@@ -30,7 +30,7 @@ LESS = 0.01  # of the noise, at which the floor is
 NEAR = 2  # samples, within which a burst that is found is a true one
 
 
-class OnePass(NamedTuple):
+class ElementsPass(NamedTuple):
     """A pass: errors of p of each case, the estimate, the bursts, and which true burst each of the
     found ones is, -1 for none."""
 
@@ -63,7 +63,7 @@ def run(cfg: config.Config) -> Result:
             )
         sim, seed, friction = config.simulation(cfg), config.seed(cfg), config.friction(cfg)
         sim.sensor.require_elements(1)
-        every: dict[int, list[OnePass]] = {}
+        every: dict[int, list[ElementsPass]] = {}
         for count in counts:
             with stage(f"{passes} passes of {count} elements"):
                 own = _with_elements(sim, count, spacing)
@@ -97,7 +97,7 @@ def _pass(
     statistics: BurstStatistics,
     friction: float | None,
     seed: int,
-) -> OnePass:
+) -> ElementsPass:
     """One pass with the bursts of this seed, whatever the number of elements."""
     problem, interval = noisy_problem(sim, jax.random.key(seed), friction), interval_s(sim)
     truth = drawn_bursts(np.random.default_rng(seed), statistics, sim.line.n * interval)
@@ -111,7 +111,7 @@ def _pass(
     away = found.bursts.time.value[:, None] - truth.time_s + seconds / 2
     away = np.abs(away % seconds - seconds / 2) / interval
     nearest = [int(np.argmin(row)) if row.size and row.min() <= NEAR else -1 for row in away]
-    return OnePass(errors, found, truth, nearest)
+    return ElementsPass(errors, found, truth, nearest)
 
 
 def interval_s(sim: Simulation) -> float:
@@ -132,7 +132,7 @@ def _quieter(sim: Simulation, method: BurstInversion, friction: float | None) ->
 
 def _result(
     cfg: config.Config,
-    every: dict[int, list[OnePass]],
+    every: dict[int, list[ElementsPass]],
     floor: float,
 ) -> Result:
     settings, counts = cfg["elements"], list(every)
@@ -170,7 +170,7 @@ def _result(
     return Result(f"{title}, and {of_all} are located", data, own)
 
 
-def _totals(passes: list[OnePass]) -> tuple[int, int, int, int]:
+def _totals(passes: list[ElementsPass]) -> tuple[int, int, int, int]:
     """Of all passes the true bursts, those claimed, those located, and false claims."""
     return (
         sum(len(one.truth.time_s) for one in passes),
@@ -180,7 +180,7 @@ def _totals(passes: list[OnePass]) -> tuple[int, int, int, int]:
     )
 
 
-def _shown(passes: list[OnePass]) -> dict[str, tuple[Any, ...]]:
+def _shown(passes: list[ElementsPass]) -> dict[str, tuple[Any, ...]]:
     """Quantities of the bursts found in these passes beside their truth."""
     matched = [(one, j, i) for one in passes for j, i in enumerate(one.matches) if i >= 0]
     made: dict[str, tuple[Any, ...]] = {}

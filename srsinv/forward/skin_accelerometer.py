@@ -20,6 +20,7 @@ from .filter import causal, even_interval
 from .operator import MotionOperator, PositionInterpolation
 from .scan import ConstantSpeed, Motion
 from .snap_back import SnapBackNoise, sum_over_events
+from .window_transform import first_bessel_over
 
 STANDARD_GRAVITY_M_PER_S2 = 9.80665
 AXES = ("normal", "tangential")  # driven by p, and by q
@@ -27,35 +28,13 @@ E_FOLDS = 31.0  # until a response has decayed to 3e-14
 TRACED_NODES, MOST_NODES = 512, 4096  # of the integral over the contact, on an open line
 AGES, WEIGHTS = np.polynomial.legendre.leggauss(24)  # of an event within a sampling interval
 SERIES_TERMS = 10  # of sinh(z)/z for |z| < 1: the next is 2e-20
-NEAR, NODES, HANKEL_TERMS = 25.0, 24, 10  # of J1: both forms are at round-off where they meet
-
-
-def first_bessel_over_z(z: Float[Array, "..."]) -> Float[Array, "..."]:
-    """J1(z)/z, 1/2 at z = 0: by the trapezoid rule of Bessel's integral, and for |z| >= 25 by
-    Hankel's expansion (DLMF 10.9.4, 10.17.3)."""
-    near = jnp.abs(z) < NEAR
-    inside, outside = jnp.where(near, z, 0.0), jnp.abs(jnp.where(near, NEAR, z))
-    angle = np.pi * (np.arange(NODES) + 0.5) / (2 * NODES)
-    integral = jnp.mean(
-        jnp.cos(inside[..., None] * as_real(np.sin(angle)).reshape((1,) * z.ndim + (-1,)))
-        * as_real(np.cos(angle) ** 2).reshape((1,) * z.ndim + (-1,)),
-        axis=-1,
-    )
-    term, even, odd = jnp.ones_like(outside), 0.0, 0.0
-    for n in range(2 * HANKEL_TERMS):
-        sign = (-1) ** (n // 2)
-        even, odd = (even + sign * term, odd) if n % 2 == 0 else (even, odd + sign * term)
-        term = term * (4 - (2 * n + 1) ** 2) / (8 * (n + 1)) / outside
-    phase = outside - 3 * np.pi / 4
-    wave = even * jnp.cos(phase) - odd * jnp.sin(phase)
-    return jnp.where(near, integral, jnp.sqrt(2 / np.pi) * outside**-1.5 * wave)
 
 
 def envelope_transform(k: Float[Array, " k"], contact_m: Float[Array, ""]) -> Float[Array, " k"]:
     """Fourier transform [m] of Hertz's envelope sqrt(1 - (x/a)^2), a half of `contact_m`:
     pi a J1(ka)/(ka)."""
     half = contact_m / 2
-    return np.pi * half * first_bessel_over_z(k * half)
+    return np.pi * half * first_bessel_over(k * half)
 
 
 def envelope_integral(x: Float[Array, " x"], contact_m: Float[Array, ""]) -> Float[Array, " x"]:

@@ -87,18 +87,30 @@ def _ratios(power: float, kappa: Float[Array, " k"], terms: int) -> Float[Array,
     return jax.lax.scan(below, jnp.zeros_like(kappa), down)[1][::-1][:terms]
 
 
+def first_bessel_over(kappa: Float[Array, " k"]) -> Float[Array, " k"]:
+    """J_1(kappa)/kappa for kappa of either sign, 1/2 at 0."""
+    near, far, sine = _near_and_far(kappa)
+    mean = jnp.mean(sinc(near * sine) * sine**2, axis=-1)
+    return jnp.where(jnp.abs(kappa) < LARGE, mean, _hankel(1, far) / far)
+
+
 def _first_two(power: float, kappa, safe) -> tuple[Array, Array]:
     """B_(-1), where |kappa| is at least 1, and B_0."""
     if power == PLAIN:
         return jnp.cos(kappa) / safe, sinc(kappa)
+    near, far, sine = _near_and_far(kappa)
+    mean = jnp.mean(jnp.cos(near * sine), axis=-1)
+    first = jnp.where(jnp.abs(kappa) < LARGE, mean, _hankel(0, far)) / safe
+    return first, first_bessel_over(kappa)
+
+
+def _near_and_far(kappa: Float[Array, " k"]) -> tuple[Array, Array, np.ndarray]:
+    """kappa (k, 1) where it is not large, else 0; its size where it is, else `LARGE`; and the sines
+    of the mean over a quarter turn."""
     size = jnp.abs(kappa)
     is_near = size < LARGE
-    near, far = jnp.where(is_near, kappa, 0.0)[:, None], jnp.where(is_near, LARGE, size)
     sine = np.sin((np.arange(QUARTER) + 0.5) / QUARTER * np.pi / 2)[None]
-    near_0 = jnp.mean(jnp.cos(near * sine), axis=-1)
-    near_1 = jnp.mean(sinc(near * sine) * sine**2, axis=-1)
-    first = jnp.where(is_near, near_0, _hankel(0, far)) / safe
-    return first, jnp.where(is_near, near_1, _hankel(1, far) / far)
+    return jnp.where(is_near, kappa, 0.0)[:, None], jnp.where(is_near, LARGE, size), sine
 
 
 def _hankel(order: int, kappa: Float[Array, " k"]) -> Float[Array, " k"]:

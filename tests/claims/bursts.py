@@ -28,7 +28,7 @@ from srsinv.api import SimulatedProblem
 from srsinv.forward.noise import White
 from srsinv.forward.surface import Ridges, Rough
 from srsinv.inverse.bursts.estimate import FoundBursts
-from srsinv.inverse.bursts.method import Pass
+from srsinv.inverse.bursts.method import BurstPass
 from srsinv.inverse.bursts.model import BurstModel
 from srsinv.inverse.bursts.rate import LOUD
 from srsinv.jobs.trials import Row
@@ -86,7 +86,7 @@ def d_primes(scene: str, elements: int) -> RegularGridInterpolator:
     place."""
     problem = clean(scene, elements).problem
     model = BurstModel(problem, STATISTICS.patch_m, STATISTICS.contact_m, STATISTICS.decay_s)
-    parts = Pass(problem, model, Wiener(scale="evidence"))
+    parts = BurstPass(problem, model, Wiener(scale="evidence"))
     parts.set_levels([])
     places = np.linspace(-0.5, 0.5, 401) * STATISTICS.contact_m
     decays = model.decays(41)

@@ -82,7 +82,7 @@ def test_two_elements_show_the_depth_of_an_unknown_surface(surface, off):
     assert not any("identifiable" in each for each in estimate.warnings)
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_gain_and_an_angle_that_are_off_are_found_with_the_depth():
     true = sensor(gain=1.2, angle_deg=84.0)
     estimate = SemiBlind()(scan(off=0.85, true=true).problem)
@@ -133,7 +133,7 @@ def test_the_bound_before_measuring_is_the_standard_error_after():
         assert 0.5 < stderr / parameters[name][1] < 2
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_tolerances_of_other_facts_widen_the_depth():
     """The speed's goes into it as it is: with k z alone the response is the same."""
     rig = RigError(

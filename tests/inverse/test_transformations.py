@@ -90,6 +90,8 @@ GRADIENTS = [
 ]  # fmt: skip
 # Rules that differ in the terms of a score that they take: the others are differentiated alike.
 RARE = [
+    ("spectral", "Evidence"), ("spectral", "NormalisedCumulativePeriodogram"),
+    ("direct", "weights"), ("iterative", "weights"),
     *(("spectral", rule) for rule in (*RULES[2:6], RULES[7])),
     *(("direct", method) for method in ("GeneralisedCrossValidation", "LCurve", "correlation")),
 ]  # fmt: skip

@@ -23,7 +23,7 @@ TINY = {
 }  # fmt: skip
 OTHERS = {"parts": ["effects", "recordings"], "effects_cells": [64], "recording_samples": [256]}
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, claims=FORMS)
 
 
 @cache

@@ -134,7 +134,7 @@ def test_a_nominal_pressure_has_no_place_beside_a_relative_one(counts):
     )  # fmt: skip
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_failed_fit_is_no_answer_on_any_channel(tmp_path, capsys):
     """A search that may take one step."""
     run = tmp_path / "run"

@@ -168,7 +168,7 @@ def test_a_doubtful_one_says_so_in_its_sidecar(lab):
     assert first.startswith("The rig's calibration was doubtful: ")
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_a_signal_in_counts_is_calibrated(lab):
     """Its gain is in counts per volt."""
     metrics = outcome(*calibration(lab, "counts")).metrics

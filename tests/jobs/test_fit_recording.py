@@ -87,7 +87,7 @@ def sampled():
     return outcome("experiment=fit_recording", "recording.tolerance=none", "fit.samples=300")
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_samples_of_the_posterior_agree_with_a_fit_of_strong_signals(sampled):
     """The model is linear over so small errors: moments agree to their Monte Carlo errors."""
     metrics, data = sampled.metrics, sampled.dataset

@@ -75,7 +75,7 @@ def measured(paths, folder, *overrides):
 
 FORMS = ("measure_kernel",)
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, claims=FORMS)
 
 
 @pytest.mark.full

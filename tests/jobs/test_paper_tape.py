@@ -19,7 +19,7 @@ from tests.jobs.run import check_page, outcome, short_form, short_run
 
 FORMS = ("fig13_tape", "textures", "shape_from_traction")
 
-test_nothing_has_moved = golden_test(FORMS)
+test_nothing_has_moved = golden_test(FORMS, claims=FORMS)
 
 
 def run(name, *overrides):

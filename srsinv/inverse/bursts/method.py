@@ -25,7 +25,7 @@ from .estimate import LOCATED, BurstEstimate, Found, FoundBursts
 from .model import BurstModel, Everything
 from .posterior import Burst, Others
 from .rate import burst_rate, first_sizes
-from .search import CROWD, LOUDER, Search, crowded
+from .search import CROWD, LOUDER, BurstSearch, crowded
 
 ROUNDS = 4  # of levels and bursts in turn, at most
 LEVELS, STEPS = (-3.0, 3.0), 13  # decades of the small bursts' power about the noise's, and steps
@@ -76,7 +76,7 @@ class BurstInversion(Method):
         """The estimate of p and q and of the bursts."""
         problem = checked(problem)
         model = BurstModel(problem, self.patch_m, self.contact_m, self.decay_s)
-        parts = Pass(problem, model, self.method)
+        parts = BurstPass(problem, model, self.method)
         bursts: list[Burst] = []
         for _ in range(ROUNDS):
             parts.set_levels(bursts)
@@ -114,7 +114,7 @@ def checked(problem: Problem | LineProblem) -> LineProblem:
     return on
 
 
-class Pass:
+class BurstPass:
     """The signals of a pass, and the levels of everything in them."""
 
     def __init__(self, problem: LineProblem, model: BurstModel, method: Method):
@@ -130,7 +130,7 @@ class Pass:
         products, power = model.small_bursts()
         self._small = products[..., None] * power
         self.small_power = 0.0  # of the small bursts, in units of `_small`
-        self.search: Search
+        self.search: BurstSearch
 
     def _in_time(self, rows: np.ndarray) -> np.ndarray:
         """Rows along x in the order of time, and back."""
@@ -148,11 +148,11 @@ class Pass:
             self._rest(prior, self.small_power, 1.0),
             self._rest(prior, self.small_power, LOUDER),
         )
-        self.search = Search(self.model, rests, first_sizes(self.model, rests[0]), self.data)
+        self.search = BurstSearch(self.model, rests, first_sizes(self.model, rests[0]), self.data)
         if known:
             grids = self.search.surest_grids(bursts)
             sizes = burst_rate(self.model, *rests, grids).sizes
-            self.search = Search(self.model, rests, sizes, self.data)
+            self.search = BurstSearch(self.model, rests, sizes, self.data)
 
     def _noise(self, small_power: float) -> Float[np.ndarray, "k e e"]:
         """The matrix of the elements' noise and of small bursts."""

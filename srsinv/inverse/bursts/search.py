@@ -26,7 +26,7 @@ DECAYS, PLACES = 6, 41  # of the scan
 FAINT = 1e-9  # of the largest square: a place that no element responds to gives nothing
 
 
-class Search:
+class BurstSearch:
     """Bursts in signals of a spectrum `data` (e, k), in the order of time.
 
     `rests`: everything else at the traction's level, and at one that is `LOUDER`.

@@ -26,9 +26,9 @@ import scipy
 from jaxtyping import Float
 from scipy.signal import fftconvolve
 
-from ...errors import number, refuse
+from ...errors import refuse
 from .templates import EventTemplate
-from .threshold import MOST_ALARMS
+from .threshold import stated_rates
 from .whitening import StreamWhitener
 
 DRAWS = 20_000  # for the rate of false alarms: to some 3 %
@@ -177,12 +177,8 @@ class EventDetector:
         rate_hz: float,
         false_alarms_per_s: float,
     ):
-        wanted = "a positive rate in Hz"
-        self.rate_hz = float(number("rate_hz", rate_hz, wanted, above=0))
-        most = MOST_ALARMS * self.rate_hz
-        wanted = f"a positive number, up to {most:g}"
-        rate = number("false_alarms_per_s", false_alarms_per_s, wanted, above=0, most=most)
-        self.whitener, self.false_alarms_per_s = whitener, float(rate)
+        self.rate_hz, self.false_alarms_per_s = stated_rates(rate_hz, false_alarms_per_s)
+        self.whitener = whitener
         self.bank = TemplateBank(templates, whitener)
         self._rate = _AlarmRate(self.bank, DRAWS)
         self.limit = self.bank.limit(self.false_alarms_per_s / self.rate_hz)

@@ -5,7 +5,7 @@ degrees of freedom in noise. An alarm is a sample above the threshold after one 
 probability a of a single exceedance, white noise alone gives a (1 - a) alarms for each sample.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -26,6 +26,16 @@ class Alarm(NamedTuple):
     false_alarms_per_s: float
 
 
+def stated_rates(rate_hz: Any, false_alarms_per_s: Any) -> tuple[float, float]:
+    """Samples and false alarms in a second. Raises `BadInput` for rates that are not positive, and
+    more false alarms than one for ten samples."""
+    rate = float(number("rate_hz", rate_hz, "a positive rate in Hz", above=0))
+    most = MOST_ALARMS * rate
+    wanted = f"a positive number, up to {most:g}"
+    alarms = number("false_alarms_per_s", false_alarms_per_s, wanted, above=0, most=most)
+    return rate, float(alarms)
+
+
 class ThresholdDetector:
     """Alarms of a threshold on a stream of samples.
 
@@ -37,12 +47,8 @@ class ThresholdDetector:
     """
 
     def __init__(self, whitener: StreamWhitener, rate_hz: float, false_alarms_per_s: float):
-        wanted = "a positive rate in Hz"
-        self.rate_hz = float(number("rate_hz", rate_hz, wanted, above=0))
-        most = MOST_ALARMS * self.rate_hz
-        wanted = f"a positive number, up to {most:g}"
-        rate = number("false_alarms_per_s", false_alarms_per_s, wanted, above=0, most=most)
-        self.whitener, self.false_alarms_per_s = whitener, float(rate)
+        self.rate_hz, self.false_alarms_per_s = stated_rates(rate_hz, false_alarms_per_s)
+        self.whitener = whitener
         self.limit = threshold(len(whitener.root), self.false_alarms_per_s / self.rate_hz)
         self._before, self._is_above, self._count = None, False, 0
 

@@ -49,7 +49,7 @@ class Products(NamedTuple):
         )
 
 
-class Envelope(NamedTuple):
+class KernelEnvelope(NamedTuple):
     """Its width w [m], and the part that is left of it far from the load."""
 
     width_m: float
@@ -62,7 +62,7 @@ class KernelPrior(NamedTuple):
 
     scale: Float[np.ndarray, "e 2"]
     length_m: float
-    envelope: "Envelope"
+    envelope: "KernelEnvelope"
 
     def deviations(self, element: int, k: Float[np.ndarray, " b"]) -> Float[np.ndarray, " a"]:
         """r, of the waves of p and then those of q."""

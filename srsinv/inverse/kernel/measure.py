@@ -21,7 +21,7 @@ from ...numerics import root_of
 from ..line.problem import LineProblem
 from ..problem import Problem
 from .design import KnownInput, stated_effects
-from .evidence import Envelope, KernelPosterior, KernelPrior, Products, likeliest, posterior
+from .evidence import KernelEnvelope, KernelPosterior, KernelPrior, Products, likeliest, posterior
 from .lags import LEAST_REACH, REACH, Lags
 from .measured import MeasuredKernel
 from .physics import Physics, default_parameters
@@ -40,9 +40,9 @@ class Place(NamedTuple):
     far_part: float = FAR_PARTS[0]
     far: float = FARS[0]
 
-    def envelope(self, depth_m: float) -> Envelope:
+    def envelope(self, depth_m: float) -> KernelEnvelope:
         """The envelope at a film's depth."""
-        return Envelope(self.width * depth_m, self.far_part)
+        return KernelEnvelope(self.width * depth_m, self.far_part)
 
     @property
     def neighbours(self) -> list["Place"]:

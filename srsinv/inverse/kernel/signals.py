@@ -14,7 +14,7 @@ from jaxtyping import Float
 from ...forward.sensor import Sensor
 from ...grid import as_real
 from .design import KnownInput, Weights
-from .evidence import Envelope, Products
+from .evidence import KernelEnvelope, Products
 from .lags import Lags
 from .measured import kernels
 from .physics import Physics
@@ -113,7 +113,7 @@ class KernelSignals:
         data = np.asarray(known.problem.data + known.problem.mean_signal, float)
         self.data = np.where(self._observed, data, 0.0)
         self.stated_kernel = self.kernels_of(stated)
-        self._products: dict[tuple[int, Envelope], np.ndarray] = {}
+        self._products: dict[tuple[int, KernelEnvelope], np.ndarray] = {}
 
     @property
     def elements(self) -> range:
@@ -149,7 +149,7 @@ class KernelSignals:
         """The kernels of another sensor's films at the lags."""
         return kernels(sensor, sensor.elements, self.lags.x_m)
 
-    def basis(self, envelope: Envelope) -> Float[np.ndarray, "2 b m"]:
+    def basis(self, envelope: KernelEnvelope) -> Float[np.ndarray, "2 b m"]:
         """The waves of the kernels of p and of q under an envelope."""
         return self.lags.envelope(*envelope)[:, None] * self._waves[None]
 
@@ -199,7 +199,7 @@ class KernelSignals:
             own = own + others[:, row] @ heavy[:, row].T
         return ResidualProducts(self, element, at_lags, np.asarray(own))
 
-    def products_of_waves(self, element: int, envelope: Envelope) -> Float[np.ndarray, "a a"]:
+    def products_of_waves(self, element: int, envelope: KernelEnvelope) -> Float[np.ndarray, "a a"]:
         """A R^-1 A^T of the signals A (a, .) of the waves of p and then of q of one element."""
         key = element, envelope
         if key not in self._products:
@@ -256,7 +256,7 @@ class ResidualProducts(NamedTuple):
     at_lags: Float[np.ndarray, "2 m i"]
     own: Float[np.ndarray, "i i"]
 
-    def under(self, envelope: Envelope) -> Products:
+    def under(self, envelope: KernelEnvelope) -> Products:
         """What the evidence goes by, of kernels under an envelope."""
         own, both = self.own, self.signals.basis(envelope) @ self.at_lags
         both = both.reshape(-1, len(own))

@@ -222,7 +222,7 @@ def test_friction_turns_with_the_motion():
     np.testing.assert_allclose(back_signal, -signal[:, ::-1], atol=1e-9 * np.abs(signal).max())
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_there_and_back_a_ridge_between_the_places_tried_is_found():
     """In a long scan, where a wide ridge may have an edge beyond its end."""
     n, scan_m, speed, depth_m = 600, 0.0152, 0.03, 0.75e-3

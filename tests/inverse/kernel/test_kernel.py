@@ -16,7 +16,13 @@ from srsinv.forward.scan import ConstantSpeed, Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, Periodic
 from srsinv.inverse.estimate import averages, relative_error
-from srsinv.inverse.kernel.evidence import Envelope, KernelPrior, Products, likeliest, posterior
+from srsinv.inverse.kernel.evidence import (
+    KernelEnvelope,
+    KernelPrior,
+    Products,
+    likeliest,
+    posterior,
+)
 from srsinv.inverse.kernel.lags import Lags
 from srsinv.inverse.kernel.measure import Place, choose, known_input, measure_kernel
 from srsinv.inverse.kernel.measured import as_netcdf, is_as_written, kernels, load_kernel
@@ -236,7 +242,7 @@ def test_evidence_and_posterior_are_those_of_dense_algebra():
     t0 = np.array([0.3, -0.2])
     logs, wanted = [], []
     for scale, length in ((0.7, 0.3), (2.0, 1.0)):
-        prior = KernelPrior(np.array([[scale, 1.5 * scale]]), length, Envelope(1.0, 1.0))
+        prior = KernelPrior(np.array([[scale, 1.5 * scale]]), length, KernelEnvelope(1.0, 1.0))
         r = prior.deviations(0, k)
         found = posterior([products], prior, k, t0)
         covariance = np.eye(30) + a.T @ np.diag(r**2) @ a + j.T @ j
@@ -262,7 +268,7 @@ def test_slopes_and_curvature_of_the_evidence_are_those_of_dense_algebra():
     none = products._replace(
         both=np.zeros((10, 0)), physics=np.zeros((0, 0)), physics_data=np.zeros(0)
     )
-    prior, t0 = KernelPrior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(0)
+    prior, t0 = KernelPrior(np.array([[0.7, 1.1]]), 0.3, KernelEnvelope(1.0, 1.0)), np.zeros(0)
 
     def evidence(logs, own, t0):
         scale, length = prior.scale * np.exp(logs[:2]), prior.length_m * np.exp(logs[2])
@@ -286,7 +292,7 @@ def test_slopes_and_curvature_of_the_evidence_are_those_of_dense_algebra():
 
 def test_no_prior_near_the_likeliest_is_likelier():
     k, _, _, _, products = toy()
-    first, t0 = KernelPrior(np.array([[0.7, 1.1]]), 0.3, Envelope(1.0, 1.0)), np.zeros(2)
+    first, t0 = KernelPrior(np.array([[0.7, 1.1]]), 0.3, KernelEnvelope(1.0, 1.0)), np.zeros(2)
     found, evidence = likeliest([products], first, k, t0, shared=False)
     assert evidence > posterior([products], first, k, t0).log_evidence
     for step in (0.9, 1.1):
@@ -303,7 +309,7 @@ def test_products_are_those_of_the_signals_of_the_waves(directions):
     signals = KernelSignals(
         known_input(problem, STATED, LOAD, MU), STATED, Lags(DEPTH_M, 12 * DEPTH_M)
     )
-    envelope, mean, known = Envelope(2 * DEPTH_M, 0.1), far_field(signals), signals.known
+    envelope, mean, known = KernelEnvelope(2 * DEPTH_M, 0.1), far_field(signals), signals.known
     basis = signals.basis(envelope)
     for e, about in enumerate(signals.less_mean(mean)):
         rows = known.rows_of(e)
@@ -358,7 +364,7 @@ def test_signals_of_kernels_are_those_of_films_that_have_them(line):
 def test_the_prior_has_its_standard_deviation_at_no_lag():
     lags = Lags(DEPTH_M, 20 * DEPTH_M)
     k = lags.wavenumbers(np.inf)
-    envelope = Envelope(2 * DEPTH_M, 0.1)
+    envelope = KernelEnvelope(2 * DEPTH_M, 0.1)
     r = KernelPrior(np.array([[3.0, 5.0]]), DEPTH_M, envelope).deviations(0, k)
     basis = lags.envelope(*envelope)[:, None] * lags.waves(k)
     middle = lags.x_m.size // 2

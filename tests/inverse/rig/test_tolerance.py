@@ -135,7 +135,7 @@ def signal(setup: Setup) -> np.ndarray:
     return np.asarray(operator(as_real(np.stack([p, 0.4 * p]))))
 
 
-@pytest.mark.full
+@pytest.mark.claim
 def test_standard_errors_are_the_spread_over_rigs_drawn_from_the_tolerances():
     """Each of the rig's errors at a time, of one size either way: the sum of squares of what they
     move is the variance that noise does not make."""
