@@ -1,5 +1,8 @@
 """Contact events: touch, partial and full slip, an edge and release, and how well each is found."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import jax
 import numpy as np
 import xarray
@@ -44,11 +47,10 @@ def run(cfg: config.Config) -> Result:
         time = np.arange(given["samples"]) / rate
         zone = zones(sensor.skin, episode, time)
 
-    onsets = episode.onsets_s(sensor)
+        onsets = setting.onsets_s
     rows = listed_events(onsets, events)
     pairs = set(zip(rows["answer"][0], rows["truth"][0], strict=True))
-    along, each = ("element", "time"), ("kind",)
-    by = ("kind", "strength", "rate")
+    along = ("element", "time")
     data = dataset(
         {
             "signal": (along, signal, "V"),
@@ -58,17 +60,8 @@ def run(cfg: config.Config) -> Result:
             "shear": (("ratio", "x"), profile[1], "Pa"),
             "half_width_closed": ("ratio", widths[0], "1"),
             "half_width_solved": ("ratio", widths[1], "1", "stick_half_width_at_{ratio}"),
-            "onset": (each, np.array(list(onsets.values())), "s"),
-            "natural_strength": (each, curves["natural"], "1", "strength_of_{kind}"),
-            "delay": (each, curves["delay"], "s", "delay_of_{kind}_s"),
-            "late_delay": (each, curves["late_delay"], "s", "delay_90_percent_of_{kind}_s"),
-            "detected": (each, curves["detected"], "1", "detected_{kind}"),
-            "threshold_delay": (each, curves["threshold_delay"], "s",
-                                "threshold_delay_of_{kind}_s"),
-            "threshold_detected": (each, curves["threshold_detected"], "1",
-                                   "threshold_detected_{kind}"),
-            "matched_operating": (by, curves["matched_operating"], "1"),
-            "threshold_operating": (by, curves["threshold_operating"], "1"),
+            "onset": ("kind", np.array(list(onsets.values())), "s"),
+            **_of_curves(curves),
             **{name: ("event", values, unit) for name, (values, unit) in rows.items()},
             **scalars({
                 "events": len(events), "threshold_alarms": len(alarms),
@@ -86,6 +79,23 @@ def run(cfg: config.Config) -> Result:
     drawn = sections(__file__, shear=draw_shear, episode=draw_episode, signal=draw_signal,
                      operating=draw_operating)  # fmt: skip
     return Result(_title(data), data, drawn)
+
+
+def _of_curves(curves: Mapping[str, np.ndarray]) -> dict[str, tuple[Any, ...]]:
+    """Detection and delay of each kind of event, and the operating characteristics."""
+    by = ("kind", "strength", "rate")
+    return {
+        "natural_strength": ("kind", curves["natural"], "1", "strength_of_{kind}"),
+        "delay": ("kind", curves["delay"], "s", "delay_of_{kind}_s"),
+        "late_delay": ("kind", curves["late_delay"], "s", "delay_90_percent_of_{kind}_s"),
+        "detected": ("kind", curves["detected"], "1", "detected_{kind}"),
+        "threshold_delay": ("kind", curves["threshold_delay"], "s", "threshold_delay_of_{kind}_s"),
+        "threshold_detected": (
+            "kind", curves["threshold_detected"], "1", "threshold_detected_{kind}"
+        ),
+        "matched_operating": (by, curves["matched_operating"], "1"),
+        "threshold_operating": (by, curves["threshold_operating"], "1"),
+    }  # fmt: skip
 
 
 def _title(data: xarray.Dataset) -> str:

@@ -50,7 +50,7 @@ class Characteristics:
     def _events(self) -> list[Float[np.ndarray, "e n"]]:
         """The whitened signal of each event alone, from its onset on."""
         episode, whitened = self.setting.episode, self.setting.whitener(self.setting.clean)
-        onsets = episode.onsets_s(self.setting.sensor)
+        onsets = self.setting.onsets_s
         assert episode.pull is not None
         assert episode.edge is not None
         assert episode.release is not None

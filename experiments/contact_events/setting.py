@@ -78,6 +78,11 @@ class EventSetting:
         return self.episode.signal(self.sensor, self.given["sample_rate_hz"], self.given["samples"])
 
     @cached_property
+    def onsets_s(self) -> dict[str, float]:
+        """When each event begins [s]."""
+        return self.episode.onsets_s(self.sensor)
+
+    @cached_property
     def noise_rms_V(self) -> float:
         """White noise of a sample [V rms]."""
         signal_rms = float(np.sqrt(np.mean(self.clean**2)))

@@ -25,9 +25,11 @@ from jaxtyping import Array, Bool, Float, PRNGKeyArray
 from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
+from ..compiled import compiled
 from ..errors import number, refuse
 from ..grid import Periodic, as_real
 from .contact import press
+from .filter import filtered
 from .knife_edge import line_response
 from .partial_slip import CylinderContact, check_similar
 from .sensor import Sensor
@@ -127,7 +129,7 @@ class PassingEdge(eqx.Module):
         return PchipInterpolator(time, (charge - charge[0]).T, axis=1)
 
 
-@eqx.filter_jit
+@compiled
 def _pressures(line: Periodic, skin, heights, nominal) -> Float[Array, "place n"]:
     return jax.lax.map(lambda h: press(line, skin, h, nominal).pressure_Pa, heights)
 
@@ -264,14 +266,7 @@ def sampled(
     """
     gain, order = gain_at_rest(sensor.amplifier), sensor.amplifier.order
     signal = gain * (np.diff(charge_C) * rate_hz if order else charge_C[:, 1:])
-    if not sensor.filters:
-        return signal
-    n = signal.shape[-1]
-    omega = 2 * np.pi * rate_hz * np.fft.rfftfreq(2 * n)
-    spectrum = np.fft.rfft(np.pad(signal, ((0, 0), (0, n)), mode="edge"))
-    for each in sensor.filters:
-        spectrum = spectrum * each.response(omega, np)
-    return np.fft.irfft(spectrum, 2 * n)[:, :n]
+    return np.asarray(filtered(sensor.filters, as_real(signal), 1 / rate_hz), float)
 
 
 def slip_noise(

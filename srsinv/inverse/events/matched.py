@@ -19,6 +19,7 @@ only above a stated part of its strength.
 """
 
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -103,17 +104,17 @@ class TemplateBank:
         reversed_shapes = self.shapes[:, :, ::-1]
         return np.sum(fftconvolve(whitened[None], reversed_shapes, mode="valid", axes=-1), axis=1)
 
-    def alarms_per_sample(self, limit: float, draws: int = DRAWS) -> float:
-        """The probability in noise that the greatest statistic is above the limit at a sample and
-        below it at the one before."""
-        return _AlarmRate(self, draws)(limit)
+    @cached_property
+    def alarms_per_sample(self) -> "_AlarmRate":
+        """The probability in noise that the greatest statistic is above a limit at a sample and
+        below it at the one before, as a function of the limit."""
+        return _AlarmRate(self.shapes)
 
-    def limit(self, alarms_per_sample: float, draws: int = DRAWS) -> float:
+    def limit(self, alarms_per_sample: float) -> float:
         """The limit on the statistics at which noise has so many alarms for each sample."""
-        rate = _AlarmRate(self, draws)
 
         def excess(h: float) -> float:
-            return np.log(max(rate(h), 1e-300) / alarms_per_sample)
+            return np.log(max(self.alarms_per_sample(h), 1e-300) / alarms_per_sample)
 
         return float(scipy.optimize.brentq(excess, 1.0, HIGHEST, xtol=1e-3))
 
@@ -121,17 +122,17 @@ class TemplateBank:
 class _AlarmRate:
     """Alarms for each sample as a function of the limit, by the same draws for all limits."""
 
-    def __init__(self, bank: TemplateBank, draws: int):
-        k = len(bank.shapes)
-        here = np.pad(bank.shapes, ((0, 0), (0, 0), (1, 0)))
-        before = np.pad(bank.shapes, ((0, 0), (0, 0), (0, 1)))
+    def __init__(self, shapes: Float[np.ndarray, "template e n"]):
+        k = len(shapes)
+        here = np.pad(shapes, ((0, 0), (0, 0), (1, 0)))
+        before = np.pad(shapes, ((0, 0), (0, 0), (0, 1)))
         both = np.concatenate([here, before]).reshape(2 * k, -1)
         self.covariance = both @ both.T
         rng = np.random.default_rng(0)
         # Not by eigenvectors, which similar templates leave undetermined.
         root = np.linalg.cholesky(self.covariance + SINGULAR * np.eye(2 * k))
-        self.free = rng.standard_normal((draws, 2 * k)) @ root.T
-        self.which, self.level, self.count = rng.integers(k, size=draws), rng.random(draws), k
+        self.free = rng.standard_normal((DRAWS, 2 * k)) @ root.T
+        self.which, self.level, self.count = rng.integers(k, size=DRAWS), rng.random(DRAWS), k
 
     def __call__(self, limit: float) -> float:
         each = np.arange(self.which.size)
@@ -180,7 +181,6 @@ class EventDetector:
         self.rate_hz, self.false_alarms_per_s = stated_rates(rate_hz, false_alarms_per_s)
         self.whitener = whitener
         self.bank = TemplateBank(templates, whitener)
-        self._rate = _AlarmRate(self.bank, DRAWS)
         self.limit = self.bank.limit(self.false_alarms_per_s / self.rate_hz)
         self.restart()
 
@@ -297,7 +297,7 @@ class EventDetector:
             strength=strength,
             duration_s=self.bank.durations_s[template],
             amplitude=strength / float(self.bank.norms[template]),
-            false_alarm=float(-np.expm1(-self._rate(strength) * reported)),
+            false_alarm=float(-np.expm1(-self.bank.alarms_per_sample(strength) * reported)),
         )
 
     def _passed(self, statistics: np.ndarray, first: int, start: int, end: int) -> int:

@@ -26,7 +26,7 @@ from jaxtyping import Array, Float
 from ...compiled import compiled
 from ...errors import BadInput, refuse
 from ...forward.feature import ScanExtent
-from ...forward.oblique import TurnedSkin, turned
+from ...forward.oblique import turned
 from ...forward.operator import MotionOperator
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
@@ -34,6 +34,7 @@ from ...forward.skin import Skin
 from ...forward.surface import Cylinder
 from ...forward.surface_feature import LEAST_RADIUS_M, LEAST_SINE_SQUARED, CylinderFeature
 from ...forward.traction import Hertz, LineLoad
+from ...forward.turned_skin import TurnedSkin
 from ...grid import Convolution, Line, Scalar, as_real, sinc, wavenumbers
 from ...numerics import BAND_90, fast_length, shared_count
 from ..nonlinear import Fit
