@@ -266,7 +266,7 @@ def sampled(
     """
     gain, order = gain_at_rest(sensor.amplifier), sensor.amplifier.order
     signal = gain * (np.diff(charge_C) * rate_hz if order else charge_C[:, 1:])
-    return np.asarray(filtered(sensor.filters, as_real(signal), 1 / rate_hz), float)
+    return np.asarray(filtered(sensor.filters, as_real(signal), as_real(1 / rate_hz)), float)
 
 
 def slip_noise(

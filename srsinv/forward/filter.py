@@ -179,7 +179,7 @@ class Lag(LineEffect):
 
 
 def filtered(
-    filters: tuple[Filter, ...], signal: Float[Array, "e sample"], interval_s
+    filters: tuple[Filter, ...], signal: Float[Array, "e sample"], interval_s: Float[Array, ""]
 ) -> Float[Array, "e sample"]:
     """The signal after every filter, in their order."""
     for each in filters:
@@ -188,7 +188,7 @@ def filtered(
 
 
 def filtered_adjoint(
-    filters: tuple[Filter, ...], y: Float[Array, "e sample"], interval_s
+    filters: tuple[Filter, ...], y: Float[Array, "e sample"], interval_s: Float[Array, ""]
 ) -> Float[Array, "e sample"]:
     """The transpose of [`filtered`][]."""
     for each in reversed(filters):
