@@ -10,10 +10,11 @@ from matplotlib.figure import Figure
 
 from srsinv import config, plot
 from srsinv.errors import BadInput, choice, mapping, refuse
-from srsinv.inverse.diagnostics import MOST_Z, Quality
+from srsinv.inverse.diagnostics import MOST_Z
 from srsinv.inverse.estimate import COMPONENTS, relative_error, z_rms
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.method import Method
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.simulated import noisy_problem
 from srsinv.parts import merged
 from srsinv.progress import stage, steps

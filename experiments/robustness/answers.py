@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import xarray
 
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.estimate import COMPONENTS
+from srsinv.inverse.quality import Quality
 from srsinv.jobs.trials import Row
 from srsinv.report.data import dataset, scalars
 

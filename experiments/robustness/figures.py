@@ -6,7 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from srsinv.inverse.diagnostics import Quality
+from srsinv.inverse.quality import Quality
 from srsinv.report.plot.style import GREY, TRUTH, WIDTH_IN, colours, names_of, styled
 from srsinv.report.text import spoken
 

@@ -179,16 +179,17 @@ class Lag(LineEffect):
 
 
 def filtered(
-    filters: tuple[Filter, ...], signal: Float[Array, "e sample"], interval_s: Float[Array, ""]
+    filters: tuple[Filter, ...], signal: Float[Array, "e sample"], interval_s: Any
 ) -> Float[Array, "e sample"]:
-    """The signal after every filter, in their order."""
+    """The signal after every filter, in their order; `interval_s` [s] as a filter takes it, or None
+    where there is no filter."""
     for each in filters:
         signal = each.in_time(signal, interval_s)
     return signal
 
 
 def filtered_adjoint(
-    filters: tuple[Filter, ...], y: Float[Array, "e sample"], interval_s: Float[Array, ""]
+    filters: tuple[Filter, ...], y: Float[Array, "e sample"], interval_s: Any
 ) -> Float[Array, "e sample"]:
     """The transpose of [`filtered`][]."""
     for each in reversed(filters):

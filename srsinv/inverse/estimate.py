@@ -21,7 +21,8 @@ from ..known import Numbers as Numbers
 from ..numerics import BAND_90, mean_known
 from ..status import Status
 from ..views import Arrays, ViewData, Views
-from .diagnostics import Quality, beyond_band, error_over_truth, quality, reasons
+from .diagnostics import beyond_band, error_over_truth
+from .quality import Quality, quality, reasons
 
 COMPONENTS = ("p", "q")
 

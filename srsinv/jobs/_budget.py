@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Bool, Float
 
-from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS, Estimate, TractionEstimate
 from ..inverse.line.problem import LineProblem
 from ..inverse.line.rig_bands import stderr_by_source
+from ..inverse.quality import Quality
 from ..inverse.rig.error import (
     CALIBRATION,
     CELLS,

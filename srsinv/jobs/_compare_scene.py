@@ -13,7 +13,6 @@ from .. import plot
 from ..errors import is_number, refuse
 from ..forward.noise import Noise, SignalToNoise
 from ..forward.simulation import Simulation
-from ..inverse.diagnostics import Quality
 from ..inverse.estimate import (
     COMPONENTS,
     Estimate,
@@ -22,6 +21,7 @@ from ..inverse.estimate import (
 )
 from ..inverse.features.method import FeatureFit
 from ..inverse.line.problem import LineProblem
+from ..inverse.quality import Quality
 from ..inverse.simulated import noisy_problem
 from ..report.data import dataset, key_of, scalars
 from ..report.result import Result

@@ -13,7 +13,6 @@ from ..errors import of_kind
 from ..forward.sensor import Sensor
 from ..grid import wavenumbers
 from ..inverse.board.periodogram import strongest_line_m
-from ..inverse.diagnostics import Quality
 from ..inverse.estimate import (
     COMPONENTS,
     Estimate,
@@ -22,6 +21,7 @@ from ..inverse.estimate import (
     highest,
 )
 from ..inverse.line.problem import LineProblem
+from ..inverse.quality import Quality
 from ..progress import stage
 from ..report.answers import answer_variables
 from ..report.data import dataset, key_of, scalars

@@ -9,8 +9,9 @@ from typing import Any
 import xarray
 
 from .. import config
-from ..inverse.diagnostics import Quality, direction_in_words
+from ..inverse.diagnostics import direction_in_words
 from ..inverse.problem import Problem
+from ..inverse.quality import Quality
 from ..inverse.rig.calibration import Calibration, calibrate
 from ..progress import stage
 from ..recording import Recording

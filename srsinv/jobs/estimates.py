@@ -12,9 +12,10 @@ import numpy as np
 from jaxtyping import Float
 
 from ..inverse.constrained_estimate import ConstrainedEstimate
-from ..inverse.diagnostics import Quality, without_wiring
+from ..inverse.diagnostics import without_wiring
 from ..inverse.estimate import COMPONENTS, Estimate, relative_error
 from ..inverse.line.problem import LineProblem
+from ..inverse.quality import Quality
 
 Variables = dict[str, tuple[Any, ...]]
 Answer = TypeVar("Answer")

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from .. import config, plot
 from ..inverse.board.pitch import Pitch, channel_pitches, drift, fit_pitch
 from ..inverse.board.spectral_lines import SpectralPeak, SpectralPeaks, find_lines
-from ..inverse.diagnostics import Quality, quality, reasons
+from ..inverse.quality import Quality, quality, reasons
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import load_steady

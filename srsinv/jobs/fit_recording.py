@@ -13,13 +13,14 @@ import xarray
 
 from .. import config, examples
 from ..errors import refuse
-from ..inverse.diagnostics import Quality, direction_in_words
+from ..inverse.diagnostics import direction_in_words
 from ..inverse.estimate import COMPONENTS
 from ..inverse.features.estimate import FeatureEstimate, contact_variables, probabilities
 from ..inverse.features.method import FeatureFit
 from ..inverse.features.window import FittedStretch, stretch_of
 from ..inverse.nonlinear import PosteriorSamples, Solver, sample
 from ..inverse.problem import Problem
+from ..inverse.quality import Quality
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import check_volts

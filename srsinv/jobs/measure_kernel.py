@@ -10,10 +10,10 @@ from jaxtyping import Float
 
 from .. import config
 from ..errors import BadInput, echo, refuse
-from ..inverse.diagnostics import Quality
 from ..inverse.estimate import COMPONENTS
 from ..inverse.kernel.measured import MeasuredKernel, as_netcdf, is_as_written, kernels
 from ..inverse.kernel.over_feature import FeatureKernel, measure_over_feature
+from ..inverse.quality import Quality
 from ..progress import stage
 from ..recording import Recording
 from ..recording.even import check_volts

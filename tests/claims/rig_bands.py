@@ -16,10 +16,10 @@ from srsinv.forward.film import Film, Offset
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.grid import Open, as_real
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.estimate import TractionEstimate, averages, deviation, relative_error
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.rig.error import RigError
 from srsinv.inverse.wiener import TractionSpectrum, Wiener
 from srsinv.jobs.trials import Row

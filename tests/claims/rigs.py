@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import norm
 
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.rig.calibration import Calibration, calibrate
 from srsinv.inverse.rig.error import RigError
 from srsinv.jobs.trials import Row

@@ -22,7 +22,6 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.surface_feature import RidgeFeature
 from srsinv.forward.traction import UniformStrip
 from srsinv.grid import Open, as_real
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.estimate import deviation
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
@@ -30,6 +29,7 @@ from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.noise.model import SampleNoise
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.rig.error import RigError
 from srsinv.inverse.rig.setup import Setup
 from srsinv.inverse.rig.tolerance import rig_error_of

@@ -8,7 +8,7 @@ import pytest
 import scipy.stats
 
 import srsinv
-from srsinv.inverse.diagnostics import quality, reasons
+from srsinv.inverse.quality import quality, reasons
 from srsinv.status import Status
 from tests.inverse.cases import gaps, make_case
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import pytest
 
-from srsinv.inverse.diagnostics import Quality
+from srsinv.inverse.quality import Quality
 from tests.claims.raw_rig_list import RIGS
 from tests.claims.raw_rigs import row
 

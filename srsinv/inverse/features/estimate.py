@@ -17,7 +17,7 @@ from ...forward.scan import Motion
 from ...grid import Line, as_real
 from ...status import Status
 from ...views import Arrays, ViewData
-from ..diagnostics import Quality, of_fit, quality, undetected
+from ..diagnostics import of_fit, undetected
 from ..estimate import COMPONENTS, Estimate, Numbers
 from ..line.model import CHI2, FREEDOM
 from ..line.problem import LineProblem, ScannedCells
@@ -25,6 +25,7 @@ from ..noise.causes import LikelyCause
 from ..noise.sliding import Levels
 from ..nonlinear import Fit, FitToSample, whitener
 from ..problem import Problem
+from ..quality import Quality, quality
 from .budget import Budget
 from .identifiability import undetected_features
 from .loading import Features

@@ -18,8 +18,9 @@ from jaxtyping import Float
 
 from ... import false_alarm
 from ...numerics import orthonormal_basis
-from ..diagnostics import is_excess, widened_for_misfit
+from ..diagnostics import widened_for_misfit
 from ..nonlinear import Fit
+from ..quality import is_excess
 
 MOST_BLOCKS = 512  # of samples, each with its mean: a misfit is as long as the film is deep
 UNEXPLAINED = 0.25  # of the signals' power: a fit that leaves more is of another thing

@@ -26,10 +26,10 @@ from ...errors import refuse
 from ...forward.surface_feature import CylinderFeature
 from ...grid import Line
 from ...known import is_traced
-from ..diagnostics import Quality
 from ..line.problem import LineProblem
 from ..noise.model import Samples
 from ..nonlinear import TracedFit, whitener
+from ..quality import Quality
 from .contact import ContactLoading
 from .fit import FeatureFitter
 from .identifiability import DETECTION_SIGMA, STRONG_CORRELATION

@@ -12,10 +12,10 @@ from ... import false_alarm
 from ...forward.scan import Motion
 from ...modules import with_fields
 from ...recording.passes import go_both_ways, passes_of, with_backlash
-from ..diagnostics import Quality
 from ..estimate import COMPONENTS, Estimate
 from ..line.model import CHI2, FREEDOM
 from ..problem import Problem
+from ..quality import Quality
 
 STEP_DEPTHS = 0.02  # between offsets that are tried
 EXPLAINED = 0.1  # of what both ways leave more together: less is left beside backlash

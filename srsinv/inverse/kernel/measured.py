@@ -22,7 +22,8 @@ from ...forward.measured import KernelTable, MeasuredFilm, integral_of
 from ...forward.sensor import FilmSignal, Sensor
 from ...grid import as_real
 from ...recording.flat_columns import load_columns
-from ..diagnostics import OVER_NOISE, is_excess
+from ..diagnostics import OVER_NOISE
+from ..quality import is_excess
 from ..rig.error import SensorError
 from ..rig.setup import Setup
 from .lags import Lags

@@ -27,13 +27,14 @@ from ...modules import with_fields
 from ...numerics import root_of
 from ...recording.passes import passes_of
 from ...status import Status
-from ..diagnostics import Quality, quality, reasons, residual_over_noise
+from ..diagnostics import residual_over_noise
 from ..estimate import averages
 from ..gridding.pass_statistics import NOT_KNOWN
 from ..line.model import FREEDOM, EstimateParts
 from ..line.problem import LineProblem
 from ..noise.nuisance import WithoutNuisance
 from ..problem import Problem
+from ..quality import Quality, quality, reasons
 from ..rig.calibration import Calibration, calibrate
 from .design import Weights
 from .measure import measure_kernel

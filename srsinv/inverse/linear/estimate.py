@@ -10,8 +10,8 @@ from ...errors import BadInput
 from ...known import Numbers, namespace
 from ...status import Status
 from ...views import Arrays, ViewData
-from ..diagnostics import Quality
 from ..estimate import BandedAnswer, Stats
+from ..quality import Quality
 
 
 class LinearEstimate(BandedAnswer):

@@ -14,14 +14,8 @@ from ...compiled import compiled
 from ...grid import as_real
 from ...status import Status
 from ...views import Arrays, ViewData, Views
-from ..diagnostics import (
-    Quality,
-    independent_share,
-    of_fit,
-    quality,
-    reasons,
-    unchecked_residual,
-)
+from ..diagnostics import of_fit, unchecked_residual
+from ..quality import Quality, independent_share, quality, reasons
 from ._parameters import Layout, Tree
 from ._profile import asymmetric, profiles
 from ._search import Objective, Search

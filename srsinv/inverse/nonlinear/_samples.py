@@ -14,7 +14,7 @@ from ...errors import BadInput
 from ...numerics import BAND_90
 from ...status import Status
 from ...views import Arrays, ViewData, Views
-from ..diagnostics import Quality, quality, reasons
+from ..quality import Quality, quality, reasons
 from ._convergence import TAILS, Convergence, convergence
 from ._parameters import Tree
 from ._sampler import Sampled

@@ -27,7 +27,8 @@ from jaxtyping import Array, Bool, Float
 from ...compiled import compiled
 from ...errors import refuse
 from ...known import in_jax, is_outside_traces, is_traced
-from ..diagnostics import Quality, unchecked
+from ..diagnostics import unchecked
+from ..quality import Quality
 from ._differences import ByDifferences
 from ._lengths import lengths
 from ._parameters import Layout, Parameters, Tree

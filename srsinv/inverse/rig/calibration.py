@@ -28,7 +28,7 @@ from ...forward.operator import PositionInterpolation
 from ...grid import as_real
 from ...resolution import cell_m
 from ...status import Status
-from ..diagnostics import Quality, local_misfit, quality, reasons
+from ..diagnostics import local_misfit
 from ..features.contact import are_noticed, cells_may_show
 from ..features.identifiability import limited_by_bounds
 from ..features.misfit import excess_of
@@ -37,6 +37,7 @@ from ..noise.residual import ResidualNoise, residual_noise
 from ..noise.sliding import Levels, first_levels
 from ..nonlinear import Fit, fit
 from ..problem import Problem
+from ..quality import Quality, quality, reasons
 from .model import KnownTraction, RigModel
 
 TRIED_DEPTHS = (0.7, 1.0, 1.4)  # of the stated depth, in the search for the feature's place

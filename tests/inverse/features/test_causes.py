@@ -5,9 +5,9 @@ import pytest
 
 from experiments.robustness.faults import faults, faulty
 from experiments.robustness.scans import SCENES
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.estimate import FeatureEstimate
 from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.quality import Quality
 from srsinv.recorded import problem_of, ready
 from tests.tiers import hardest
 

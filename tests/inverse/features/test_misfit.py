@@ -12,12 +12,12 @@ from srsinv.forward.film import Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features import FeatureFit
 from srsinv.inverse.features.misfit import local_excess
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.noise.sliding import Levels, estimate
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.quality import Quality
 from srsinv.jobs._budget import budget_variables
 from srsinv.recorded import problem_of, ready
 

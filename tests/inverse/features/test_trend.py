@@ -7,8 +7,8 @@ import pytest
 
 from experiments.robustness.faults import faults, faulty
 from experiments.robustness.scans import SCENES
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.method import FeatureFit
+from srsinv.inverse.quality import Quality
 from srsinv.modules import with_fields
 from srsinv.recorded import problem_of, ready
 from tests.tiers import hardest

@@ -10,10 +10,10 @@ import pytest
 
 from srsinv import LinearProblem
 from srsinv.grid import half_spectrum_weights
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.line import rule as rules
 from srsinv.inverse.line.rule import Evidence, GeneralisedCrossValidation
 from srsinv.inverse.line.scorer import LineScorer
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.tikhonov import Penalties, Tikhonov
 from srsinv.inverse.wiener import Exponential, ScaledSpectra, StretchedSpectra
 from tests.inverse.cases import (

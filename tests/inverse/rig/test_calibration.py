@@ -18,10 +18,10 @@ from srsinv.forward.sensor import Sensor
 from srsinv.forward.skin import HalfSpace
 from srsinv.forward.surface_feature import RidgeFeature, StepUpFeature
 from srsinv.grid import as_real
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.problem import Problem
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.rig.calibration import calibrate
 
 EDGE_M, PRESSURE_PA, SPEED, RATE_HZ = 5e-5, 3e4, 0.02, 1000.0

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2, norm
 
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.features.method import FeatureFit
 from srsinv.inverse.noise.model import SampleNoise
+from srsinv.inverse.quality import Quality
 from srsinv.inverse.rig.calibration import calibrate
 from srsinv.modules import with_fields
 from tests.claims.rig_scans import RIDGE, Rig, Setup, random_rig
