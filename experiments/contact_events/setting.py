@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from srsinv.errors import echo, number, numbers, refuse, whole
-from srsinv.forward.episode import Episode, PassingEdge, Ramp, slip_noise
+from srsinv.forward.episode import Episode, PassingEdge, Ramp, RecordedEpisode, slip_noise
 from srsinv.forward.partial_slip import CylinderContact, check_similar
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.surface import StepDown, StepUp
@@ -33,6 +33,7 @@ class EventSetting:
 
     def __init__(self, given: Mapping[str, Any], scenario: Scenario, episode: Episode):
         self.given, self.sensor, self.episode = given, scenario.sensor, episode
+        self.recorded = RecordedEpisode(episode, scenario.sensor)
         self.noises = scenario.noises
 
     @classmethod
@@ -75,12 +76,12 @@ class EventSetting:
     @cached_property
     def clean(self) -> Float[np.ndarray, "e sample"]:
         """The signal without noise [V]."""
-        return self.episode.signal(self.sensor, self.given["sample_rate_hz"], self.given["samples"])
+        return self.recorded.signal(self.given["sample_rate_hz"], self.given["samples"])
 
     @cached_property
     def onsets_s(self) -> dict[str, float]:
         """When each event begins [s]."""
-        return self.episode.onsets_s(self.sensor)
+        return self.recorded.onsets_s
 
     @cached_property
     def noise_rms_V(self) -> float:

@@ -13,7 +13,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from srsinv.forward.episode import KINDS_OF_EVENT
-from srsinv.inverse.events.matched import DetectedEvent, EventDetector, TemplateBank
+from srsinv.inverse.events.bank import TemplateBank
+from srsinv.inverse.events.matched import DetectedEvent, EventDetector
 from srsinv.inverse.events.threshold import ThresholdDetector, detection_by_threshold, threshold
 from srsinv.inverse.events.whitening import StreamWhitener
 from srsinv.jobs.trials import Row
