@@ -68,6 +68,12 @@ class EventSetting:
             touch, pull, edge, release, given["friction"], given["sliding_friction"],
             given["drop_s"],
         )  # fmt: skip
+        least = int(np.ceil(release.end_s * given["sample_rate_hz"])) + 1
+        refuse(
+            given["samples"] < least,
+            f"{name}.samples is {given['samples']}, and the load has left after {release.end_s:g} "
+            f"s: give at least {least}.",
+        )
         check_similar(scenario.sensor.skin)
         rms = noise_rms_at_rest(scenario.noises, given["sample_rate_hz"], 1.0)
         refuse(rms <= 0, "There is no noise, so every event is detected: give noise=[johnson].")

@@ -61,8 +61,9 @@ def detector(false_alarms_per_s: float, elements: int = 2, noise_V: float = JOHN
     return EventDetector(templates(elements), whitener, RATE_HZ, false_alarms_per_s)
 
 
-def drawn(seed: int) -> DrawnEpisode:
-    """An episode of five events, all of whose numbers are random."""
+def drawn(seed: int, falls: bool = True) -> DrawnEpisode:
+    """An episode of five events, all of whose numbers are random. Friction falls in full slip, or
+    else this gives no signal."""
     rng = np.random.default_rng([7, seed])
 
     def between(low: float, high: float) -> float:
@@ -83,7 +84,7 @@ def drawn(seed: int) -> DrawnEpisode:
         edge=PassingEdge(shape, starts[2], between(0.025, 0.1)),
         release=_at(release, starts[3]),
         friction=friction,
-        sliding_friction=friction * rng.uniform(0.7, 0.9),
+        sliding_friction=friction * max(rng.uniform(0.7, 0.9), float(not falls)),
         drop_s=between(2e-3, 8e-3),
     )
     recorded = RecordedEpisode(episode, sensor())

@@ -43,7 +43,8 @@ class DetectedEvent(NamedTuple):
 
     - `onset_s` [s]: when it began, by its template. `alarm_s` [s]: when its statistic passed the
       limit. `reported_s` [s]: when its kind was decided.
-    - `kind`: the likeliest; `probability`: of each kind, all alike before the data. `strength`: d'.
+    - `kind`: the likeliest; `probability`: of each kind, all alike before the data but for a full
+      slip where one is due. `strength`: d'.
     - `duration_s` [s]: of its template. `amplitude`: in units of that template.
     - `false_alarm`: probability that noise alone reached this d' at least once until then.
     """
