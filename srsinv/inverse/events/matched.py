@@ -33,7 +33,7 @@ PATIENCE = 1.0  # template lengths that an event waits for a better one
 BLOCK_LENGTHS = 4  # longest templates that are searched at once
 ECHO = 0.25  # of a strong event's d', that what overlaps it has to have
 FOLLOWER = {KINDS_OF_EVENT[1]: KINDS_OF_EVENT[2]}  # of a kind: the kind that begins as it ends
-DUE = 0.05  # of an event's length, within which its follower begins: 96 % do
+DUE = 0.05  # of an event's length, within which its follower begins: 98 % do
 MISMATCH = 0.05  # relative error of a template, in the likelihoods of kinds
 SURE_OF = 0.95  # posterior probability of a kind that is reported as it
 
