@@ -110,7 +110,8 @@ class EventDetector:
 
     - `templates`: of the events, as `event_templates` makes them. `whitener`: of the noise, a
       `StreamWhitener`; `rate_hz` [Hz]: samples a second.
-    - `false_alarms_per_s` [1/s]: how often noise alone raises an alarm.
+    - `false_alarms_per_s` [1/s]: how often noise alone raises an alarm. `limit`: of d', for this
+      rate; `limits_when_due`: by kind, where an event of it is due.
 
     `push` takes samples (element, n) in blocks of any length and gives the events decided by them;
     `finish` those that are not decided yet. Raises `BadInput` for rates that are not positive, and
