@@ -73,6 +73,22 @@ def test_bursts_are_within_their_intervals_and_none_is_claimed_without():
     assert max(row["passes_with_false_percent"] for row in silent) <= 2
 
 
+def test_contact_events_are_found_with_as_many_false_alarms_as_stated():
+    """Episodes have few surplus events, and full slip is found in most of them, but not where
+    friction does not fall."""
+    rows = read("contact_events")
+    for row in rows:
+        if row["what"] == "episodes":
+            assert row["extra_per_episode"] < 0.15
+            assert row["first_contact_detected"] == row["edge_detected"] == 1
+        if row["what"] == "matched_alarms":
+            assert row["alarms_low_per_s"] < row["stated_per_s"] < row["alarms_high_per_s"]
+    (both,) = (row for row in rows if row.get("elements") == 2 and row["noise_factor"] == 1)
+    (slip,) = (row for row in rows if row["what"] == "full_slip")
+    assert 0.5 < both["full_slip_correct"] < slip["bound_at_known_time"]
+    assert slip["when_steady"] < 0.05
+
+
 def test_film_and_accelerometer_together_gain_where_one_hides_the_other():
     """As docs/explanation/paper.md says: friction on unknown roughness, and little elsewhere."""
     rows = {

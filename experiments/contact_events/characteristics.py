@@ -8,6 +8,7 @@ from jaxtyping import Float, PRNGKeyArray
 
 from srsinv.forward.episode import KINDS_OF_EVENT
 from srsinv.inverse.events.matched import EventDetector
+from srsinv.inverse.events.templates import FADED
 from srsinv.inverse.events.threshold import (
     ThresholdDetector,
     detection_by_threshold,
@@ -17,7 +18,6 @@ from srsinv.inverse.events.threshold import (
 from .setting import EventSetting
 
 FALSE_ALARMS_PER_S = (1e-3, 1e-2, 0.1, 1.0, 10.0)
-FADED = 4.0  # drops of friction until full slip is over
 
 
 class Characteristics:

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, PRNGKeyArray
 
 from srsinv.errors import echo, number, numbers, refuse, whole
-from srsinv.forward.episode import Episode, PassingEdge, Ramp, slip_noise
+from srsinv.forward.episode import Episode, PassingEdge, Ramp, RecordedEpisode, slip_noise
 from srsinv.forward.partial_slip import CylinderContact, check_similar
 from srsinv.forward.scenario import Scenario
 from srsinv.forward.surface import StepDown, StepUp
@@ -33,6 +33,7 @@ class EventSetting:
 
     def __init__(self, given: Mapping[str, Any], scenario: Scenario, episode: Episode):
         self.given, self.sensor, self.episode = given, scenario.sensor, episode
+        self.recorded = RecordedEpisode(episode, scenario.sensor)
         self.noises = scenario.noises
 
     @classmethod
@@ -67,6 +68,12 @@ class EventSetting:
             touch, pull, edge, release, given["friction"], given["sliding_friction"],
             given["drop_s"],
         )  # fmt: skip
+        least = int(np.ceil(release.end_s * given["sample_rate_hz"])) + 1
+        refuse(
+            given["samples"] < least,
+            f"{name}.samples is {given['samples']}, and the load has left after {release.end_s:g} "
+            f"s: give at least {least}.",
+        )
         check_similar(scenario.sensor.skin)
         rms = noise_rms_at_rest(scenario.noises, given["sample_rate_hz"], 1.0)
         refuse(rms <= 0, "There is no noise, so every event is detected: give noise=[johnson].")
@@ -75,12 +82,12 @@ class EventSetting:
     @cached_property
     def clean(self) -> Float[np.ndarray, "e sample"]:
         """The signal without noise [V]."""
-        return self.episode.signal(self.sensor, self.given["sample_rate_hz"], self.given["samples"])
+        return self.recorded.signal(self.given["sample_rate_hz"], self.given["samples"])
 
     @cached_property
     def onsets_s(self) -> dict[str, float]:
         """When each event begins [s]."""
-        return self.episode.onsets_s(self.sensor)
+        return self.recorded.onsets_s
 
     @cached_property
     def noise_rms_V(self) -> float:

@@ -11,6 +11,7 @@ from jaxtyping import Bool
 from srsinv import config
 from srsinv.errors import mapping, number, numbers, refuse, whole
 from srsinv.forward.skin_accelerometer import AXES, SkinAccelerometer
+from srsinv.inverse.events.threshold import MOST_ALARMS
 from srsinv.progress import stage
 from srsinv.report.data import dataset, scalars
 from srsinv.report.result import Result
@@ -39,11 +40,11 @@ def run(cfg: config.Config) -> Result:
     common = mapping(f"{NAME}.texture", given["texture"], "the keys of a texture")
     sets = mapping(f"{NAME}.sets", given["sets"], "sets of textures by name")
     refuse(not sets, f"{NAME}.sets is empty: give one or more sets of textures.")
-    seed, detectors = config.seed(cfg), detectors_of(given["events"])
+    seed = config.seed(cfg)
     with config.precision(cfg):
         textures = {name: Texture.of_set(name, common, differs) for name, differs in sets.items()}
         finger = finger_of(cfg, given)
-        classified = classification_of(finger, given)
+        classified, detectors = classification_of(finger, given), detectors_of(finger, given)
         right = {}
         for name, each in textures.items():
             with stage(f"sliding over textures: {name}"):
@@ -157,13 +158,15 @@ def classification_of(finger: Finger, given: Mapping[str, Any]) -> Classificatio
     return Classification(finger, surfaces, float(spread), int(stretch / cell), bands)
 
 
-def detectors_of(given: Mapping[str, Any]) -> Detectors:
-    """How events are detected. Raises `BadInput` for numbers out of range."""
-    key = f"{NAME}.events"
-    positive = "a positive number, in SI units"
-    for name in ("false_alarms_per_s", "contact_s", "slip_s"):
-        number(f"{key}.{name}", given[name], positive, above=0)
-    number(f"{key}.off_centre_m", given["off_centre_m"], "a length that is at least 0", least=0)
+def detectors_of(finger: Finger, given: Mapping[str, Any]) -> Detectors:
+    """How events are detected, by `skin_acceleration` of a configuration. Raises `BadInput` for
+    numbers out of range."""
+    key, events, most = f"{NAME}.events", given["events"], MOST_ALARMS * finger.rate_hz
+    wanted = f"a positive number, up to {most:g}"
+    number(f"{key}.false_alarms_per_s", events["false_alarms_per_s"], wanted, above=0, most=most)
+    for name in ("contact_s", "slip_s"):
+        number(f"{key}.{name}", events[name], "a positive time in seconds", above=0)
+    number(f"{key}.off_centre_m", events["off_centre_m"], "a length that is at least 0", least=0)
     wanted = "a probability, from 0.5 to below 1"
-    number(f"{key}.detection", given["detection"], wanted, least=0.5, below=1)
-    return Detectors(**{name: float(given[name]) for name in Detectors._fields})
+    number(f"{key}.detection", events["detection"], wanted, least=0.5, below=1)
+    return Detectors(**{name: float(events[name]) for name in Detectors._fields})

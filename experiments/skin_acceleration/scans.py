@@ -90,13 +90,19 @@ class Finger(NamedTuple):
 
     @classmethod
     def checked(cls, lines: tuple[Line, Line], *parts: Any) -> "Finger":
-        """Raises `BadInput` for a line that is not periodic and a speed that is not positive."""
+        """Raises `BadInput` for a line that is not periodic, a speed that is not positive, and a
+        sensor without noise."""
         coarse, fine = lines
         if not isinstance(coarse, Periodic) or not isinstance(fine, Periodic):
             refuse(True, "grid.line is open, but a texture has no end: give grid.line=periodic.")
             raise AssertionError
         finger = cls((coarse, fine), *parts)
         finger.scan.require_onwards()
+        refuse(
+            not finger.noise_powers(1.0).sum(axis=-1).min() > 0,
+            "A sensor without noise detects and classifies everything: give noise=[johnson], and "
+            "accelerometer.noise_density_m_per_s2_per_rtHz above 0.",
+        )
         return finger
 
     @property

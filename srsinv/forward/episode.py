@@ -6,7 +6,7 @@ in time. For example, a light touch of 20 N/m that is pulled to full slip within
 
     episode = Episode(CylinderContact(0.01, 0.6e-3), 20.0, touch=Ramp(0.1, 0.05),
                       pull=Ramp(0.3, 0.1), friction=0.6, sliding_friction=0.5)
-    volts = episode.signal(srsinv.Sensor(), 5000.0, 3000)
+    volts = RecordedEpisode(episode, srsinv.Sensor()).signal(5000.0, 3000)
 
 The load arrives as P [1 - (1 - s)^n] and leaves as P [1 - s^n], s from 0 to 1 over the ramp: it
 grows from the first instant of contact at a finite rate, and falls to zero at one, as that of a
@@ -16,6 +16,7 @@ An edge that passes under the contact redistributes the pressure under the const
 the contact solver at many places.
 """
 
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -26,7 +27,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.signal import lfilter
 
 from ..compiled import compiled
-from ..errors import number, refuse
+from ..errors import number, refuse, whole
 from ..grid import Periodic, as_real
 from .contact import press
 from .filter import filtered
@@ -103,13 +104,15 @@ class PassingEdge(eqx.Module):
         """What the edge adds to the charge [C] (element, time), as a function of time [s] between
         its first touch and its last, solved on `half_cells` over half the contact.
 
-        Raises `BadInput` for an edge so high that it touches farther than 25 half-widths out.
+        Raises `BadInput` for a flat edge, and for one so high that it touches farther than 25
+        half-widths out.
         """
         check_similar(sensor.skin)
         half = float(contact.half_width_m(sensor.skin, load_N_per_m))
         cell = half / half_cells
         line = Periodic(CELLS, cell, -CELLS // 2 * cell)
         height, x = np.asarray(self.shape.height(line)), np.asarray(line.x)
+        refuse(not np.ptp(height) > 0, "The edge is flat: give it a height other than 0.")
         reach = half + 2 * np.sqrt(2 * contact.radius_m * np.ptp(height))
         refuse(
             reach > FARTHEST * half,
@@ -217,41 +220,72 @@ class Episode(eqx.Module):
         pulled = np.where(slips, 1.0, self.pull.growing(time_s))
         return ForceHistory(load, friction * load * pulled, friction, slips & (load > 0))
 
-    def charge(
-        self, sensor: Sensor, time_s: Float[np.ndarray, " time"]
-    ) -> Float[np.ndarray, "element time"]:
+
+class RecordedEpisode:
+    """An episode as a resting sensor records it. The contacts with its edge are solved once.
+
+    Raises `BadInput`, once it is asked for charge, signal or onsets, for a skin on which partial
+    slip is not solved, and for an edge that touches before full slip or while the load leaves.
+    """
+
+    def __init__(self, episode: Episode, sensor: Sensor):
+        self.episode, self.sensor = episode, sensor
+
+    @cached_property
+    def edge_charge(self) -> PchipInterpolator | None:
+        """What the edge adds to the charge [C] (element, time), as a function of time [s]."""
+        own = self.episode
+        if own.edge is None or own.pull is None:
+            return None
+        added = own.edge.charge(self.sensor, own.contact, own.load_N_per_m, own.sliding_friction)
+        first, last = touching_s(added)
+        until = np.inf if own.release is None else own.release.start_s
+        refuse(
+            first < own.pull.end_s or last > until,
+            f"The edge touches from {first:.6g} to {last:.6g} s, which is not all in full slip and "
+            f"under the whole load: give edge at_s between {own.pull.end_s:.6g} and {until:.6g} s, "
+            "farther from both.",
+        )
+        return added
+
+    def charge(self, time_s: Float[np.ndarray, " time"]) -> Float[np.ndarray, "element time"]:
         """Charge [C] of every element at these times."""
-        forces = self.forces(time_s)
-        charge = self.contact.charge(sensor, self.load_N_per_m)(*forces[:3])
-        if self.edge is not None:
-            added = self._added(sensor)
-            charge = charge + added(np.clip(time_s, added.x[0], added.x[-1]))
+        forces, load = self.episode.forces(time_s), self.episode.load_N_per_m
+        charge = self.episode.contact.charge(self.sensor, load)(*forces[:3])
+        if self.edge_charge is not None:
+            charge = charge + self.edge_charge(np.clip(time_s, *self.edge_charge.x[[0, -1]]))
         return charge
 
-    def _added(self, sensor: Sensor) -> PchipInterpolator:
-        assert self.edge is not None
-        return self.edge.charge(sensor, self.contact, self.load_N_per_m, self.sliding_friction)
+    def signal(self, rate_hz: Any, samples: Any) -> Float[np.ndarray, "element sample"]:
+        """The signal at the times j/`rate_hz`, without noise, as `sampled` has it.
 
-    def signal(
-        self, sensor: Sensor, rate_hz: float, samples: int
-    ) -> Float[np.ndarray, "element sample"]:
-        """The signal at the times j/`rate_hz`, without noise, as `sampled` has it."""
-        time = np.arange(-1, samples) / rate_hz
-        return sampled(sensor, self.charge(sensor, time), rate_hz)
+        Raises `BadInput` for a rate that is not positive, and for fewer samples than one.
+        """
+        rate = float(number("rate_hz", rate_hz, "a positive rate in Hz", above=0))
+        count = whole("samples", samples, "a whole number from 1", least=1)
+        time = np.arange(-1, count) / rate
+        return sampled(self.sensor, self.charge(time), rate)
 
-    def onsets_s(self, sensor: Sensor) -> dict[str, float]:
+    @property
+    def onsets_s(self) -> dict[str, float]:
         """When each event begins [s], by its kind: an edge as it first changes the
         charge by a thousandth of its greatest change."""
-        onsets = {KINDS_OF_EVENT[0]: self.touch.start_s}
-        if self.pull is not None:
-            onsets |= {KINDS_OF_EVENT[1]: self.pull.start_s, KINDS_OF_EVENT[2]: self.pull.end_s}
-        if self.edge is not None:
-            added = self._added(sensor)
-            size = np.abs(added(added.x)).max(0)
-            onsets[KINDS_OF_EVENT[3]] = float(added.x[np.argmax(size > BEGUN * size.max())])
-        if self.release is not None:
-            onsets[KINDS_OF_EVENT[4]] = self.release.start_s
+        own = self.episode
+        onsets = {KINDS_OF_EVENT[0]: own.touch.start_s}
+        if own.pull is not None:
+            onsets |= {KINDS_OF_EVENT[1]: own.pull.start_s, KINDS_OF_EVENT[2]: own.pull.end_s}
+        if self.edge_charge is not None:
+            onsets[KINDS_OF_EVENT[3]] = touching_s(self.edge_charge)[0]
+        if own.release is not None:
+            onsets[KINDS_OF_EVENT[4]] = own.release.start_s
         return onsets
+
+
+def touching_s(edge_charge: PchipInterpolator) -> tuple[float, float]:
+    """When an edge begins and ends to change the charge by a thousandth of its greatest change."""
+    size = np.abs(edge_charge(edge_charge.x)).max(0)
+    first, last = edge_charge.x[size > BEGUN * size.max()][[0, -1]]
+    return float(first), float(last)
 
 
 def sampled(

@@ -30,6 +30,7 @@ from .sensor import Sensor
 from .skin import HalfSpace, Skin
 
 SKIPPED, FITTED = 2, 8  # cells at an edge: those that it crosses, and those that show it
+ROUNDING = 1e-9  # of a load, by which it may exceed the greatest
 ChargeOfForces = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
@@ -172,10 +173,13 @@ class CylinderContact(eqx.Module):
     ) -> Float[np.ndarray, "*load"]:
         """Half-width c [m] of the part that sticks (*load,); 0 where all slips.
 
-        Raises `BadInput` for a skin to which the law does not apply.
+        Raises `BadInput` for a skin to which the law does not apply, and a friction that is not
+        positive.
         """
         check_similar(skin)
-        rest = np.asarray(load_N_per_m) - np.abs(shear_N_per_m) / np.asarray(friction)
+        mu = np.asarray(friction, float)
+        refuse(not np.all(mu > 0), f"friction is {mu.min():g}: give friction coefficients above 0.")
+        rest = np.asarray(load_N_per_m) - np.abs(shear_N_per_m) / mu
         return self.half_width_m(skin, np.maximum(rest, 0))
 
     def traction(
@@ -186,6 +190,7 @@ class CylinderContact(eqx.Module):
         Raises `BadInput` as `stick_half_width_m` does, and for a shear force above mu P.
         """
         check_similar(skin)
+        friction = number("friction", friction, "a friction coefficient above 0", above=0)
         refuse(
             abs(shear_N_per_m) > friction * load_N_per_m,
             f"shear_N_per_m is {shear_N_per_m:g}: give at most {friction * load_N_per_m:g}, "
@@ -201,7 +206,8 @@ class CylinderContact(eqx.Module):
 
         It is H_p(P) + mu sign(Q) [H_q(P) - H_q(P - |Q|/mu)], H the charge under Hertz's pressure
         and under the same shear. It holds while Q grows at constant P, or where all slips. Raises
-        `BadInput` for a skin to which the law does not apply, and a contact wider than 40 depths.
+        `BadInput` for a skin to which the law does not apply, a contact wider than 40 depths, and,
+        when called, greater loads.
         """
         check_similar(sensor.skin)
         edge = KnifeEdge(self.radius_m)
@@ -213,6 +219,11 @@ class CylinderContact(eqx.Module):
 
         def charge(load, shear, friction):
             load, shear = np.maximum(load, 0), np.asarray(shear)
+            refuse(
+                bool(np.any(load > most_N_per_m * (1 + ROUNDING))),
+                f"The load is {np.max(load):g} N/m, where the charge is made for up to "
+                f"{most_N_per_m:g}: give a greater most_N_per_m.",
+            )
             whole, stuck = hertz(load), hertz(np.maximum(load - np.abs(shear) / friction, 0))
             return whole[:, 0] + np.sign(shear) * friction * (whole[:, 1] - stuck[:, 1])
 

@@ -11,9 +11,11 @@ from functools import cache
 
 import numpy as np
 from scipy.signal import lfilter
+from scipy.stats import norm
 
 from srsinv.forward.episode import KINDS_OF_EVENT
-from srsinv.inverse.events.matched import DetectedEvent, EventDetector, TemplateBank
+from srsinv.inverse.events.bank import TemplateBank
+from srsinv.inverse.events.matched import DetectedEvent, EventDetector
 from srsinv.inverse.events.threshold import ThresholdDetector, detection_by_threshold, threshold
 from srsinv.inverse.events.whitening import StreamWhitener
 from srsinv.jobs.trials import Row
@@ -210,11 +212,42 @@ def of_roc(event: str) -> Row:
     }
 
 
+def of_full_slip() -> Row:
+    """The strength of full slip, and the part of the episodes in which a filter of its very shape
+    detects it, with all else subtracted exactly: wherever it may be, and at the known time, with
+    the chance of a false alarm that is stated for the whole slip.
+
+    `when_steady`: the part in which full slip is reported where friction does not fall.
+    """
+    shape = next(each for each in templates() if each.kind == KINDS["full_slip"])
+    limit = TemplateBank([shape], whitener("white")).limit(STATED_PER_S / RATE_HZ)
+    strengths, lasting_s, reported = [], [], 0
+    matched = detector(STATED_PER_S)
+    for seed in range(EPISODES):
+        own, kind = episode(seed), KINDS["full_slip"]
+        begin, end = (int(each[kind] * RATE_HZ) for each in (own.onsets_s, own.ends_s))
+        strengths.append(np.linalg.norm(own.signal[:, begin:end]) / JOHNSON_V)
+        lasting_s.append(own.onsets_s[kind] - own.onsets_s[KINDS["incipient_slip"]])
+        steady = drawn(seed, falls=False)
+        noise = JOHNSON_V * np.random.default_rng([12, seed]).standard_normal(own.signal.shape)
+        matched.restart()
+        found = [*matched.push(steady.signal + noise), *matched.finish()]
+        reported += any(event.kind == kind for event in found)
+    strength, known = np.array(strengths), norm.isf(STATED_PER_S * np.array(lasting_s))
+    return {
+        "strength": float(np.median(strength)),
+        "bound_at_any_time": float(np.mean(norm.sf(limit - strength))),
+        "bound_at_known_time": float(np.mean(norm.sf(known - strength))),
+        "when_steady": reported / EPISODES,
+    }
+
+
 MEASURES = {
     "threshold_alarms": of_threshold,
     "matched_alarms": of_matched,
     "episodes": of_episodes,
     "roc": of_roc,
+    "full_slip": of_full_slip,
 }
 
 
@@ -229,6 +262,7 @@ def cases() -> list[dict]:
         *({"what": "threshold_alarms", "noise": noise, "stated_per_s": 1.0}
           for noise in ("white", "coloured")),
         *({"what": "roc", "event": event} for event in KINDS),
+        {"what": "full_slip"},
         *({"what": "episodes", "elements": elements, "noise_factor": factor}
           for elements, factor in ((2, 1.0), (1, 1.0), (2, 3.0))),
         *({"what": "matched_alarms", "noise": noise, "stated_per_s": 2.0}

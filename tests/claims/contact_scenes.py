@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from srsinv import Sensor
-from srsinv.forward.episode import KINDS_OF_EVENT, Episode, PassingEdge, Ramp
+from srsinv.forward.episode import Episode, PassingEdge, Ramp, RecordedEpisode
 from srsinv.forward.partial_slip import CylinderContact
 from srsinv.forward.surface import Ridge, StepDown, StepUp
 from srsinv.inverse.events.matched import EventDetector
@@ -61,8 +61,9 @@ def detector(false_alarms_per_s: float, elements: int = 2, noise_V: float = JOHN
     return EventDetector(templates(elements), whitener, RATE_HZ, false_alarms_per_s)
 
 
-def drawn(seed: int) -> DrawnEpisode:
-    """An episode of five events, all of whose numbers are random."""
+def drawn(seed: int, falls: bool = True) -> DrawnEpisode:
+    """An episode of five events, all of whose numbers are random. Friction falls in full slip, or
+    else this gives no signal."""
     rng = np.random.default_rng([7, seed])
 
     def between(low: float, high: float) -> float:
@@ -83,31 +84,16 @@ def drawn(seed: int) -> DrawnEpisode:
         edge=PassingEdge(shape, starts[2], between(0.025, 0.1)),
         release=_at(release, starts[3]),
         friction=friction,
-        sliding_friction=friction * rng.uniform(0.7, 0.9),
+        sliding_friction=friction * max(rng.uniform(0.7, 0.9), float(not falls)),
         drop_s=between(2e-3, 8e-3),
     )
-    signal = episode.signal(sensor(), RATE_HZ, SAMPLES)
-    assert episode.pull is not None
-    slip, full, edge = episode.pull.start_s, episode.pull.end_s, _onset_of_edge(episode, signal)
-    times = [touch.start_s + starts[0], slip, full, edge, starts[3]]
-    ends = [starts[0] + touch.duration_s, full, full + 4 * episode.drop_s,
-            2 * starts[2] - edge, starts[3] + release.duration_s]  # fmt: skip
-    onsets_s, ends_s = (
-        {kind: float(each) for kind, each in zip(KINDS_OF_EVENT, values, strict=True)}
-        for values in (times, ends)
-    )
-    return DrawnEpisode(episode, signal, onsets_s, ends_s)
-
-
-def _onset_of_edge(episode: Episode, signal: np.ndarray) -> float:
-    """As `Episode.onsets_s` has it, but from the signal: when the charge, after the friction's
-    drop, first changes by a thousandth of its greatest change [s]."""
-    assert episode.pull is not None
-    assert episode.release is not None
-    first = int((episode.pull.end_s + 10 * episode.drop_s) * RATE_HZ)
-    charge = np.cumsum(signal[:, first : int(episode.release.start_s * RATE_HZ)], axis=1)
-    size = np.abs(charge).max(0)
-    return (first + int(np.argmax(size > 1e-3 * size.max()))) / RATE_HZ
+    recorded = RecordedEpisode(episode, sensor())
+    onsets_s = recorded.onsets_s
+    _, _, full, edge, _ = onsets_s
+    ends = [starts[0] + touch.duration_s, onsets_s[full], onsets_s[full] + 4 * episode.drop_s,
+            2 * starts[2] - onsets_s[edge], starts[3] + release.duration_s]  # fmt: skip
+    ends_s = {kind: float(end) for kind, end in zip(onsets_s, ends, strict=True)}
+    return DrawnEpisode(episode, recorded.signal(RATE_HZ, SAMPLES), onsets_s, ends_s)
 
 
 def _at(ramp: Ramp, start_s: float) -> Ramp:

@@ -77,7 +77,8 @@ def _pressed(name: str, spread: float) -> dict[float, np.ndarray]:
 
 def _events(cfg: dict[str, Any]) -> Row:
     given = cfg[NAME]
-    finger, detectors = finger_of(cfg, given), detectors_of(given["events"])
+    finger = finger_of(cfg, given)
+    detectors = detectors_of(finger, given)
     texture = Texture.of(NAME, given["texture"])
     middle = sorted(given["pressures_Pa"])[1]
     power = finger.texture_power(finger.pressed(texture, 0, middle, SURFACES, 0.0))

@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 
 from srsinv.forward.amplifier import ChargeReadout
-from srsinv.forward.episode import Episode, PassingEdge, Ramp, sampled, slip_noise
+from srsinv.forward.episode import (
+    Episode,
+    PassingEdge,
+    Ramp,
+    RecordedEpisode,
+    sampled,
+    slip_noise,
+)
 from srsinv.forward.film import Film, Offset
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.partial_slip import CylinderContact
@@ -28,20 +35,23 @@ def episode(**others):
 
 
 def test_the_signal_is_the_change_of_charge_and_rest_is_silent():
-    own = episode()
-    signal = own.signal(SENSOR, RATE, 4000)
-    charge = own.charge(SENSOR, np.arange(4000) / RATE)
+    own = RecordedEpisode(episode(), SENSOR)
+    signal = own.signal(RATE, 4000)
+    charge = own.charge(np.arange(4000) / RATE)
     np.testing.assert_allclose(np.cumsum(signal, 1) / RATE, OHM * charge, atol=1e-12 * OHM * 1e-9)
     time = np.arange(4000) / RATE
     for start, end in ((0.0, 0.1), (0.151, 0.3), (0.48, 0.6), (0.66, 0.8)):
         assert np.abs(signal[:, (time > start) & (time < end)]).max() < 1e-8
     slow = Sensor(amplifier=ChargeReadout(1e9))
-    np.testing.assert_allclose(own.signal(slow, RATE, 4000), 1e9 * charge, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(
+        RecordedEpisode(episode(), slow).signal(RATE, 4000), 1e9 * charge, rtol=1e-12, atol=1e-12
+    )
 
 
 def test_first_contact_between_two_samples_is_averaged():
     """So that samples half as often are the means of neighbours, whenever contact begins."""
-    often, seldom = (episode().signal(SENSOR, rate, n) for rate, n in ((1e4, 2001), (5e3, 1001)))
+    own = RecordedEpisode(episode(), SENSOR)
+    often, seldom = (own.signal(rate, n) for rate, n in ((1e4, 2001), (5e3, 1001)))
     np.testing.assert_allclose(seldom[:, 1:], (often[:, 1::2] + often[:, 2::2])[:, :1000] / 2,
                                atol=1e-15)  # fmt: skip
     assert np.abs(seldom[:, 502]).max() > 1e-5
@@ -58,7 +68,7 @@ def test_the_shear_reaches_friction_times_load_and_follows_it():
     np.testing.assert_allclose(shear[3:], (mu * load)[3:])
     assert (mu[3], mu[4]) == (pytest.approx(0.6), pytest.approx(0.4))
     assert slips.tolist() == [False] * 3 + [True] * 3 + [False]
-    onsets = own.onsets_s(SENSOR)
+    onsets = RecordedEpisode(own, SENSOR).onsets_s
     assert list(onsets) == ["first contact", "incipient slip", "full slip", "loss of contact"]
     np.testing.assert_allclose(list(onsets.values()), [0.1003, 0.3, 0.4, 0.6])
 
@@ -127,3 +137,15 @@ def test_what_cannot_happen_is_refused():
     refused(lambda: PassingEdge(Ridge(1e-5, 2e-4), 0.5, 0.0), "speed_m_per_s")
     high = PassingEdge(Ridge(5e-3, 2e-4), 0.5)
     refused(lambda: high.charge(SENSOR, FINGER, 0.1, 0.4), "lower edge")
+    flat = PassingEdge(Ridge(0.0, 2e-4), 0.5)
+    refused(lambda: flat.charge(SENSOR, FINGER, LOAD, 0.4), "flat")
+    recorded = RecordedEpisode(episode(), SENSOR)
+    refused(lambda: recorded.signal(-RATE, 100), "rate_hz")
+    refused(lambda: recorded.signal(RATE, 0), "samples")
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("at_s", [0.41, 0.59])
+def test_an_edge_touches_in_full_slip_alone(at_s):
+    early = episode(edge=PassingEdge(StepUp(1e-5), at_s))
+    refused(lambda: RecordedEpisode(early, SENSOR).onsets_s, "not all in full slip")

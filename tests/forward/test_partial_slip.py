@@ -162,4 +162,8 @@ def test_what_the_law_does_not_hold_for_is_refused():
     refused(lambda: press_and_shear(LINE, SKIN, PARABOLA, 250.0, 151.0, MU), "nominal_shear_Pa")
     refused(lambda: press_and_shear(LINE, SKIN, PARABOLA, 250.0, 10.0, 0.0), "friction")
     refused(lambda: CylinderContact(RADIUS).traction(SKIN, 0.0, 1.0, 0.7, MU), "shear_N_per_m")
+    refused(lambda: CylinderContact(RADIUS).traction(SKIN, 0.0, 1.0, 0.0, 0.0), "friction")
+    refused(lambda: CylinderContact(RADIUS).stick_half_width_m(SKIN, 1.0, 0.1, -MU), "friction")
+    charge = CylinderContact(RADIUS).charge(Sensor(), 5.0)
+    refused(lambda: charge(np.array([6.0]), np.zeros(1), np.full(1, MU)), "most_N_per_m")
     refused(lambda: CylinderContact(-1.0), "radius_m")

@@ -38,6 +38,7 @@ def test_settings_out_of_bounds_are_refused():
     refused(asked(f"{own}start_s=[0.1,0.2]"), "start_s", "three numbers")
     refused(asked(f"{own}start_s=[0.1,0.12,1.2]"), "order touch, pull, edge, release")
     refused(asked(f"{own}shear_ratios=[1.0]"), "shear_ratios")
+    refused(asked(f"{own}samples=5000"), "samples", "at least 6051")
     refused(asked("effects=[layered_skin]"), "partial slip is not solved")
     refused(asked("noise=[]"), "noise=[johnson]")
     refused(asked("noise=[sliding]"), "at rest")

@@ -73,6 +73,8 @@ def test_an_interval_is_of_surfaces_not_of_scans():
         (["sets.mixed.longest_m=[4e-3,2e-3]"], ["sets.mixed", "as many"]),
         (["accelerometer.axis=z"], ["normal, tangential"]),
         (["events.detection=1"], ["detection is 1"]),
+        (["events.false_alarms_per_s=1e6"], ["false_alarms_per_s", "up to"]),
+        (["accelerometer.noise_density_m_per_s2_per_rtHz=0"], ["above 0"]),
     ],
 )
 def test_refusals(overrides, words):

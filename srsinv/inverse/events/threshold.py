@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import ArrayLike, Float
 
 from ...errors import number
-from .whitening import StreamWhitener
+from .whitening import StreamWhitener, as_samples
 
 MOST_ALARMS = 0.1  # for each sample: above, most of them would be of noise
 
@@ -52,8 +52,10 @@ class ThresholdDetector:
         self.limit = threshold(len(whitener.root), self.false_alarms_per_s / self.rate_hz)
         self._before, self._is_above, self._count = None, False, 0
 
-    def push(self, signal: Float[np.ndarray, "e n"]) -> list[Alarm]:
-        """The alarms of the next samples."""
+    def push(self, signal: Float[ArrayLike, "e n"]) -> list[Alarm]:
+        """The alarms of the next samples. Raises `BadInput` for another number of elements, and
+        samples that are not finite."""
+        signal = as_samples(signal, len(self.whitener.root))
         size = np.linalg.norm(self.whitener(signal, self._before), axis=0)
         is_above = size > self.limit
         starts = np.flatnonzero(is_above & ~np.append(self._is_above, is_above[:-1]))

@@ -11,12 +11,13 @@ from typing import Any
 import equinox as eqx
 import numpy as np
 import scipy
-from jaxtyping import Float
+from jaxtyping import ArrayLike, Float
 from scipy.signal import lfilter
 
-from ...errors import refuse
+from ...errors import number, refuse, whole
 
 ORDER = 32  # past samples in a prediction
+REPEATED = 1e-12  # part of an element's noise that it has alone: below, rounding decides
 
 
 class StreamWhitener(eqx.Module):
@@ -33,11 +34,9 @@ class StreamWhitener(eqx.Module):
     def white(cls, rms_V: Any) -> "StreamWhitener":
         """Of white noise, with the rms [V] of each element (e,). Raises `BadInput` for an rms that
         is not positive."""
-        rms = np.atleast_1d(np.asarray(rms_V, float))
-        refuse(
-            not np.all((rms > 0) & np.isfinite(rms)),
-            f"The noise has the rms {rms.tolist()} V: give a positive one for every element.",
-        )
+        given = np.atleast_1d(np.asarray(rms_V)).tolist()
+        wanted = "a positive rms in V, for every element"
+        rms = np.array([number("noise rms_V", each, wanted, above=0) for each in given], float)
         return cls(np.zeros((rms.size, 0)), np.diag(1 / rms))
 
     @classmethod
@@ -58,9 +57,11 @@ class StreamWhitener(eqx.Module):
         """Of a stretch of noise alone, whose elements may have noise in common at the same
         instant.
 
-        Raises `BadInput` for a stretch of fewer than 20 samples for each sample of the prediction.
+        Raises `BadInput` for a stretch of fewer than 20 samples for each sample of the prediction,
+        samples that are not finite, and elements that repeat one another.
         """
-        n = signal.shape[-1]
+        signal = as_samples(signal)
+        order, n = whole("order", order, "a whole number, at least 0", least=0), signal.shape[-1]
         refuse(
             n < 20 * (order + 1),
             f"The quiet stretch has {n} samples: give at least {20 * (order + 1)}.",
@@ -69,8 +70,13 @@ class StreamWhitener(eqx.Module):
         lags = [np.sum(rest[:, lag:] * rest[:, : n - lag], -1) / n for lag in range(order + 1)]
         own = cls.of_covariance(np.stack(lags, -1))
         left = _left(own.prediction, rest)[:, order:]
-        factor = np.linalg.cholesky(left @ left.T / left.shape[-1])
-        return cls(own.prediction, np.linalg.inv(factor))
+        covariance = left @ left.T / left.shape[-1]
+        size = np.sqrt(np.diag(covariance))
+        refuse(
+            np.linalg.eigvalsh(covariance / np.outer(size, size))[0] < REPEATED,
+            "An element repeats the noise of others: leave it out.",
+        )
+        return cls(own.prediction, np.linalg.inv(np.linalg.cholesky(covariance)))
 
     @property
     def order(self) -> int:
@@ -84,26 +90,38 @@ class StreamWhitener(eqx.Module):
 
         Raises `BadInput` for another number of elements, and samples that are not finite.
         """
-        elements = len(self.root)
-        refuse(
-            signal.ndim != 2 or len(signal) != elements,
-            f"The samples have the shape {signal.shape}: give (element, sample), {elements} of the "
-            "former.",
-        )
-        refuse(
-            not bool(np.isfinite(signal).all()),
-            "Samples are missing or not finite: fill them in before detection.",
-        )
+        signal = as_samples(signal, len(self.root))
+        if not signal.size:
+            return signal
         start = np.zeros((signal.shape[0], self.order)) if before is None else before
         joined = np.concatenate([start, signal], axis=-1)
         return self.root @ _left(self.prediction, joined)[:, self.order :]
+
+
+def as_samples(signal: ArrayLike, elements: int | None = None) -> Float[np.ndarray, "e n"]:
+    """The samples (element, n) as floating-point numbers. Raises `BadInput` for another shape or
+    number of elements, and samples that are not finite."""
+    samples = np.asarray(signal, float)
+    refuse(
+        samples.ndim != 2 or elements not in (None, len(samples)),
+        f"The samples have the shape {samples.shape}: give (element, sample)"
+        f"{'' if elements is None else f', {elements} of the former'}.",
+    )
+    refuse(
+        not bool(np.isfinite(samples).all()),
+        "Samples are missing or not finite: fill them in before detection.",
+    )
+    return samples
 
 
 def _predicted(covariance: Float[np.ndarray, " lag"]) -> tuple[np.ndarray, float]:
     """Weights of the samples before, and the variance that is left."""
     if covariance.size == 1 or not covariance[0] > 0:
         return np.zeros(covariance.size - 1), float(covariance[0])
-    weights = scipy.linalg.solve_toeplitz(covariance[:-1], covariance[1:])
+    try:
+        weights = scipy.linalg.solve_toeplitz(covariance[:-1], covariance[1:])
+    except np.linalg.LinAlgError:
+        return np.zeros(covariance.size - 1), 0.0
     return weights, float(covariance[0] - weights @ covariance[1:])
 
 

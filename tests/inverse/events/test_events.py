@@ -4,10 +4,15 @@ import numpy as np
 import pytest
 import scipy
 
-from srsinv.inverse.events.matched import EventDetector, TemplateBank
-from srsinv.inverse.events.templates import EventTemplate
+from srsinv.forward.episode import Episode, Ramp, RecordedEpisode
+from srsinv.forward.partial_slip import CylinderContact
+from srsinv.forward.sensor import Sensor
+from srsinv.forward.surface import StepUp
+from srsinv.inverse.events.bank import TemplateBank
+from srsinv.inverse.events.matched import EventDetector
+from srsinv.inverse.events.templates import EventTemplate, event_templates
 from srsinv.inverse.events.threshold import ThresholdDetector, detection_by_threshold
-from srsinv.inverse.events.whitening import StreamWhitener
+from srsinv.inverse.events.whitening import StreamWhitener, as_samples
 from tests.refusals import refused
 from tests.tiers import quick
 
@@ -172,6 +177,52 @@ def test_what_a_wrong_template_leaves_of_a_strong_event_is_not_another_one(detec
     assert event.strength > 100
 
 
+def decaying(*samples):
+    """Steps that decay over so many samples."""
+    rows = [np.outer((1.0, 0.2), np.exp(-np.arange(150) / each)) for each in samples]
+    return [EventTemplate("step", 150 / RATE, RMS * row) for row in rows]
+
+
+def test_an_event_between_its_templates_is_fitted_by_those_near_it():
+    """To a fifth of what its own template leaves."""
+    bank = TemplateBank(decaying(10, 20, 40), WHITE)
+    event = np.pad(WHITE(decaying(28)[0].signal), ((0, 0), (300, 300)))
+    event *= 100 / np.linalg.norm(event)
+    statistics = bank(event)
+    template, at = np.unravel_index(statistics.argmax(), statistics.shape)
+    start, fit = bank.fit(event, int(template), int(at) + bank.longest - 1, statistics.max())
+    left = event.copy()
+    left[:, start : start + fit.shape[-1]] -= fit
+    assert np.sum(left**2) < (np.sum(event**2) - statistics.max() ** 2) / 25
+
+
+@pytest.mark.parametrize("part", quick([0.0, 0.3], 0.3))
+def test_full_slip_is_expected_as_incipient_slip_ends(part):
+    """Its limit is lower then, and no other time; a part of the noise is correlated."""
+    kinds = {"ramp": "incipient slip", "step": "full slip", "wave": "edge"}
+    templates = [each._replace(kind=kinds[each.kind]) for each in shapes()]
+    slow, first = part**2 * KEEP ** np.arange(33), 1.0 * (np.arange(33) == 0)
+    own = RMS**2 * np.stack([slow + first, slow + 4 * first])
+    whitener = StreamWhitener.of_covariance(own) if part else WHITE
+    detector = EventDetector(templates, whitener, RATE, 0.1)
+    low = detector.limits_when_due["full slip"]
+    strength = detector.limit - 0.1
+    assert low < detector.limit - 0.5
+
+    def kinds_found(*events):
+        signal = np.zeros((2, 1500))
+        for number, start, size in events:
+            padded = np.pad(shapes()[number].signal, ((0, 0), (0, 32)))
+            norm = np.linalg.norm(whitener(padded))
+            signal[:, start : start + 60] += size * shapes()[number].signal / norm
+        return [event.answer for event in found(detector, signal)]
+
+    assert kinds_found((1, 600, 12.0), (0, 660, strength)) == ["incipient slip", "full slip"]
+    assert kinds_found((1, 600, 12.0), (0, 690, strength)) == ["incipient slip"]
+    assert kinds_found((1, 600, 12.0)) == ["incipient slip"]
+    assert kinds_found((0, 660, strength)) == []
+
+
 def test_two_kinds_of_one_shape_are_not_distinguished():
     alike = [each._replace(kind=kind) for kind, each in zip("ab", shapes()[:1] * 2, strict=True)]
     detector = EventDetector(alike, WHITE, RATE, 0.1)
@@ -196,5 +247,35 @@ def test_what_cannot_be_is_refused():
     refused(lambda: WHITE(np.full((2, 50), np.nan)), "finite")
     refused(lambda: ThresholdDetector(WHITE, RATE, 600.0), "false_alarms_per_s", "500")
     refused(lambda: EventDetector([], WHITE, RATE, 0.1), "templates")
+    refused(lambda: EventDetector(shapes(), WHITE, RATE, 400.0), "fewer false_alarms_per_s")
+    refused(lambda: EventDetector(shapes(), WHITE, RATE, 1e-300), "more false_alarms_per_s")
+    refused(lambda: as_samples(np.zeros(5000)), "shape")
+    twice = np.repeat(white(np.random.default_rng(10), 2000, 1), 2, axis=0)
+    refused(lambda: StreamWhitener.of_quiet(twice), "repeats")
+    refused(lambda: ThresholdDetector(WHITE, RATE, 1.0).push(np.zeros((3, 9))), "shape")
+    refused(lambda: EventDetector(shapes(), WHITE, RATE, 1.0).push(np.zeros((1, 9))), "shape")
     silent = [EventTemplate("none", 0.1, np.zeros((2, 10)))]
     refused(lambda: EventDetector(silent, WHITE, RATE, 0.1), "no signal")
+
+
+def test_templates_that_cannot_be_are_refused():
+    contact, touch = CylinderContact(0.01, 0.6e-3), Ramp(0.0, 0.05)
+    steady = Episode(contact, 20.0, touch, friction=0.5, sliding_friction=0.5)
+
+    def made(*given, own=steady, rate=RATE, **others):
+        return lambda: event_templates(own, Sensor(), rate, *given, **others)
+
+    refused(made([0.05], rate=-RATE), "rate_hz")
+    refused(made([1e-5]), "shorter than the sampling interval")
+    refused(made([], [4e-3]), "sliding_friction")
+    refused(made([], edges=[StepUp(1e-5)]), "speeds_m_per_s")
+    refused(made([], edges=[StepUp(1e-5)], speeds_m_per_s=[0.0]), "positive speed")
+
+
+def test_a_template_begins_at_its_onset_and_lasts_to_its_end():
+    """Its sum is the whole change of charge, and nothing comes before the first change."""
+    touch = Episode(CylinderContact(0.01, 0.6e-3), 20.0, Ramp(0.0, 0.05))
+    first, *_, drop = event_templates(touch, Sensor(), RATE, [0.05], [4e-3])
+    charge = RecordedEpisode(touch, Sensor()).charge(np.array([0.05]))
+    np.testing.assert_allclose(1e-6 * first.signal.sum(1) / RATE, charge[:, 0], rtol=1e-9)
+    assert np.abs(drop.signal[:, 0]).max() < 1e-3 * np.abs(drop.signal).max()
