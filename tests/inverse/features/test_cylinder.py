@@ -218,6 +218,9 @@ def test_over_many_draws_errors_are_at_the_bound_and_intervals_hold():
                 assert row[f"{name}_held_percent"] == pytest.approx(90, abs=7.5), row["setting"]
                 held.append(row[f"{name}_held_percent"])
     assert np.mean(held) == pytest.approx(90, abs=2)
+    many = rows["1 mm, 30 deg, 60 dB, 800 draws"]
+    for name in ("radius_m", "angle_rad", "position_m", "base_friction"):
+        assert many[f"{name}_held_percent"] == pytest.approx(90, abs=4), name
     faint = rows["0.1 mm, 30 deg, 40 dB"]
     assert faint["radius_m_identified_percent"] < 25
     assert faint["radius_m_held_percent"] > 86
