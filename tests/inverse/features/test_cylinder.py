@@ -217,6 +217,8 @@ def test_angles_are_ranges_of_their_squared_sines():
     own = feature.from_reported({"angle_rad": np.pi / 6})
     assert own["sine_squared"] == pytest.approx(0.25)
     assert "sine_squared" not in CylinderFeature(20).axes
+    across = [CylinderFeature(each).is_straight_across for each in (0, 20, None)]
+    assert across == [True, False, False]
 
 
 def test_a_simulated_problem_has_its_nominal_pressure():
