@@ -154,12 +154,16 @@ def fit_recording(
     of both kinds and for none, and for a surface whose nominal pressure (sidecar,
     `nominal_pressure_Pa`) or edge length is not known.
     """
-    return FeatureFit(features)(_problem(given, sensor))
+    fit = FeatureFit(features)
+    straight = all(each.is_straight_across for each in features.values())
+    return fit(_problem(given, sensor, straight))
 
 
-def _problem(given: Invertible, sensor: Sensor | None) -> Problem | LineProblem:
+def _problem(
+    given: Invertible, sensor: Sensor | None, are_straight_across: bool = True
+) -> Problem | LineProblem:
     if isinstance(given, Problem | LineProblem):
         refuse(sensor is not None, "The problem has its sensor: leave `sensor` out.")
         return given
     recording = given if isinstance(given, Recording) else load(given)
-    return problem_of(ready(recording), sensor)
+    return problem_of(ready(recording), sensor, are_straight_across=are_straight_across)

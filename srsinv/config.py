@@ -302,11 +302,14 @@ def of_file(cfg: Config, path: Path) -> Config:
 
 
 def recorded_problem(
-    cfg: Config, recording: Recording, is_wired_as_stated: bool = False
+    cfg: Config,
+    recording: Recording,
+    is_wired_as_stated: bool = False,
+    are_straight_across: bool = True,
 ) -> Problem:
     """The problem of finding what made a recording at even times, by the sensor that the sidecar
-    and the configuration describe; the configuration overrides. `is_wired_as_stated`: whatever
-    wiring of the elements the signals speak for. Raises `BadInput` where facts are
+    and the configuration describe; the configuration overrides. `is_wired_as_stated`,
+    `are_straight_across`: as `recorded.problem_of` takes them. Raises `BadInput` where facts are
     missing, and where numbers of elements and signal columns differ."""
     from .progress import stage
     from .recorded import problem_of, sensor_of
@@ -324,6 +327,7 @@ def recorded_problem(
             cell_m=cell_m,
             operator=operator(cfg),
             is_wired_as_stated=is_wired_as_stated,
+            are_straight_across=are_straight_across,
         )
 
 

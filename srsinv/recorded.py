@@ -66,6 +66,7 @@ def problem_of(
     cell_m: Any = None,
     operator: OperatorModel | None = None,
     is_wired_as_stated: bool = False,
+    are_straight_across: bool = True,
 ) -> Problem:
     """The problem of a recording at even times.
 
@@ -85,6 +86,8 @@ def problem_of(
       in place of the films' and of what a calibration found, errors included.
     - elements are taken as wired as the signals say where these leave no doubt, with a warning; the
       fact `wiring` or `is_wired_as_stated` takes them as stated.
+    - `are_straight_across`: whether what is scanned is straight across the motion, as the check of
+      the wiring takes it. Of features at an angle only a fault beyond doubt is reported.
     - `friction`, `cell_m` [m]: as [`Problem`][] has them; the nominal pressure and the window are
       those of the sidecar.
 
@@ -123,7 +126,7 @@ def problem_of(
     direction = {"onwards": True, "back": False}.get(recording.sidecar.get("ways") or "both")
     problem = problem if direction is None else problem.of_direction(direction)
     keeps_wiring = is_wired_as_stated or recording.sidecar.get("wiring") == "as_stated"
-    problem, of_wiring = _wired(recording, problem, keeps_wiring)
+    problem, of_wiring = _wired(recording, problem, keeps_wiring, are_straight_across)
     # By the passes back alone q is what acts in them.
     acts = (
         -float(problem.friction)
@@ -249,17 +252,22 @@ def _check_unit(recording: Recording, sensor: Sensor) -> None:
 
 
 def _wired(
-    recording: Recording, problem: Problem, keeps_wiring: bool
+    recording: Recording, problem: Problem, keeps_wiring: bool, are_straight_across: bool
 ) -> tuple[Problem, tuple[str, ...]]:
     """The problem with its elements wired as the signals say beyond doubt, and sentences on faults
     of their wiring; `keeps_wiring`: it stays as stated."""
+
+    def counts(finding: WiringFinding | None) -> bool:
+        # Features at an angle look like straight ones under a rig of another gain, depth or offset.
+        return finding is not None and (finding.is_certain or are_straight_across)
+
     found = _wiring(recording, problem)
-    if found is None:
+    if found is None or not counts(found):
         return problem, ()
     if keeps_wiring or not found.is_certain or found.wiring is None:
         return problem, (found.words,)
     wired = with_fields(problem, sensor=found.wiring.sensor(problem.sensor))
-    if _wiring(recording, wired) is not None:  # neither wiring fits
+    if counts(_wiring(recording, wired)):  # neither wiring fits
         return problem, (found.words,)
     return wired, (
         f"{found.words} The answer takes it so: recording.wiring=as_stated takes the elements as "

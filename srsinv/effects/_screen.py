@@ -20,6 +20,7 @@ from ..grid import Line
 from ._effect import Effect, Order
 from ._reference import TINY, ReferenceSpectra, reference
 from ._rounding import LARGEST_UNSIMULATED_CHANGE, RoundedSignal
+from .general import EnvelopeEffect, change_within_envelopes
 
 # Effects act on each other beyond their factors, and the reference's contact is accurate to 1 %.
 # Over random scenes the measured change is at most tests/claims/results/screening.json's
@@ -150,7 +151,8 @@ def _weighed(
 
 
 def _bound(name: str, effect: Effect, beside: ReferenceSpectra) -> float:
-    """The bound that the effect gives, which may be a stranger's."""
+    """The bound that the effect gives, which may be a stranger's; of one at the films that an
+    envelope follows, also its change within."""
     bound: Any = effect.relative_change_bound(beside)
     is_one: Any = isinstance(bound, Real) or getattr(bound, "shape", None) == ()
     refuse(
@@ -158,6 +160,10 @@ def _bound(name: str, effect: Effect, beside: ReferenceSpectra) -> float:
         f"effects.{name} bounds its change by {echo(bound)}: give a number that is at least 0, "
         "infinite where none is known.",
     )
+    if effect.order == Order.FILM and any(
+        isinstance(each, EnvelopeEffect) for each in beside.named.values()
+    ):
+        return max(float(bound), change_within_envelopes(effect, beside))
     return float(bound)
 
 

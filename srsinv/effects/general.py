@@ -73,30 +73,38 @@ class EnvelopeEffect(Effect):
         return scenario.replace(sensor=scenario.sensor.with_envelope(self.envelope))
 
     def relative_change_bound(self, reference: ReferenceSpectra) -> float:
-        if reference.scenario.scene is None:  # bursts, which are loads of their own
-            return 0.0
-        # By the very transfers of the sensor with and without the envelope, within the film, skin
-        # and contact that all effects make, on the reference's traction.
-        every = [*(each for each in reference.named.values() if each is not self), self]
-        every.sort(key=lambda each: each.order)
-        whole = without = reference.scenario
-        factors = []
-        for each in every:
-            if each.order <= Order.SLIDING:
-                whole = each.apply(whole)
-                without = without if each is self else each.apply(without)
-            elif (factor := each.factor(reference)) is not None:
-                factors.append(factor)
-        charges = (each.sensor.film_signal(as_real(1.0), 0) for each in (whole, without))
-        transfers = _transfers(*charges, k=as_real(reference.k))
-        behind = math.prod(factors, start=np.ones_like(reference.charge))
-        traction = _all_of_traction(reference)
-        signal, infinite = (
-            behind * reference.read(np.einsum("eck,ck->ek", np.asarray(each), traction))
-            for each in transfers
-        )
-        raised = SHORT_WAVES if reference.has_contact else 1.0
-        return raised * reference.relative_difference(signal, infinite)
+        return change_within_envelopes(self, reference)
+
+
+def change_within_envelopes(effect: Effect, reference: ReferenceSpectra) -> float:
+    """A bound on the change by an effect of the films or of an envelope.
+
+    By the very transfers of the sensor with and without it, within the film, skin and contact that
+    all effects make, on the reference's traction. What acts at the films does so before an
+    envelope, and is no factor behind one.
+    """
+    if reference.scenario.scene is None:  # bursts, which are loads of their own
+        return 0.0
+    every = [*(each for each in reference.named.values() if each is not effect), effect]
+    every.sort(key=lambda each: each.order)
+    whole = without = reference.scenario
+    factors = []
+    for each in every:
+        if each.order <= Order.SLIDING:
+            whole = each.apply(whole)
+            without = without if each is effect else each.apply(without)
+        elif (factor := each.factor(reference)) is not None:
+            factors.append(factor)
+    charges = (each.sensor.film_signal(as_real(1.0), 0) for each in (whole, without))
+    transfers = _transfers(*charges, k=as_real(reference.k))
+    behind = math.prod(factors, start=np.ones_like(reference.charge))
+    traction = _all_of_traction(reference)
+    signal, other = (
+        behind * reference.read(np.einsum("eck,ck->ek", np.asarray(each), traction))
+        for each in transfers
+    )
+    raised = SHORT_WAVES if reference.has_contact else 1.0
+    return raised * reference.relative_difference(signal, other)
 
 
 def _all_of_traction(reference: ReferenceSpectra) -> Complex[np.ndarray, "2 k"]:

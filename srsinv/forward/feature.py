@@ -118,6 +118,11 @@ class ShapeFamily(_Module):
             )
         return values
 
+    @property
+    def is_straight_across(self) -> bool:
+        """Whether the feature is known to be straight across the sliding direction."""
+        return True
+
     def refuse_many(self, tried: Mapping[str, np.ndarray], stretch: ScanExtent, most: int) -> None:
         """Refuse a search of more than `most` combinations of tried values."""
         count = math.prod(map(len, tried.values()))

@@ -262,6 +262,10 @@ class CylinderFeature(SurfaceFeature):
     def reported(self) -> tuple[str, ...]:
         return tuple("angle_rad" if name == "sine_squared" else name for name in self.axes)
 
+    @property
+    def is_straight_across(self) -> bool:
+        return self.angle_deg == 0
+
     def from_reported(self, values: Mapping[str, float]) -> dict[str, float]:
         own = dict(values)
         if "angle_rad" in own:

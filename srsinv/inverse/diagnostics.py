@@ -482,6 +482,6 @@ def sliding_noise(fraction: float) -> Sequence[str]:
         return ()
     return (
         f"The residual has a correlated part of {100 * fraction:.0f} % of the signal, more than "
-        "the noise of sliding. The feature may be of another kind, or have others beside it. To "
-        "allow a groove, include negative heights in feature.ridge.height_range_m.",
+        "the noise of sliding. The feature may be of another kind, or have others beside it. A "
+        "groove is a ridge with negative heights in its height_range_m.",
     )

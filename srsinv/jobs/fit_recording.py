@@ -79,7 +79,8 @@ def run(cfg: config.Config) -> Result:
         )
         solver, recording = config.solver(cfg), config.recording(cfg, str(EXAMPLE))
         check_volts(recording)
-        problem = config.recorded_problem(cfg, recording)
+        straight = all(each.is_straight_across for each in features.values())
+        problem = config.recorded_problem(cfg, recording, are_straight_across=straight)
         if surfaces:
             method = surface_fit(problem, recording.sidecar, surfaces, solver, settings)
         else:

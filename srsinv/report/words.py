@@ -266,8 +266,8 @@ def _interval(values: Any, stderrs: Any, units: Any, half: float = BAND_90) -> A
 
 
 def _between(lows: Any, highs: Any, units: Any) -> Any:
-    """Each interval, in the units of `_with_error`."""
-    return _row_by_row(text.between, lows, highs, units)
+    """Each interval, in the units in which its upper end reads well: the lower one may be 0."""
+    return _row_by_row(lambda high, low, *unit: text.between(low, high, *unit), highs, lows, units)
 
 
 def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> Any:

@@ -1,8 +1,12 @@
-"""What a fit finds of a cylinder's radius and angle, far below the resolution limit (half an hour).
+"""What a fit finds of a cylinder's radius and angle, far below the resolution limit (40 minutes).
 
 A two-element sensor of 0.75 mm depth scans cylinders under 4 N/m, whose contact is 46 um wide for a
 radius of 0.1 mm. The simulation solves the contact of the circle on cells of 0.4 micrometres; the
 fit has Hertz's pressure. The bound is the Cramer-Rao bound of the simulation.
+
+Coverage over 200 draws scatters by 2.1 %, and over 800 by 1.1 %. One of 200 draws is 83.5 %; the
+estimator that is linear in the noise, of this bound exactly, holds the truth in 84 % of these very
+draws. So that setting has a second row, of 800 other draws.
 """
 
 import dataclasses
@@ -21,13 +25,14 @@ DRAWS, LOAD_N_PER_M = 200, 4.0
 
 @dataclasses.dataclass(frozen=True)
 class CylinderCase:
-    """Scans of a cylinder; whether its angle and its load are known."""
+    """Scans of a cylinder; whether its angle and its load are known; the number of draws."""
 
     radius_mm: float
     angle_deg: float
     snr_dB: float
     knows_angle: bool = False
     knows_load: bool = True
+    draws: int = DRAWS
 
     @property
     def scan(self) -> CylinderScan:
@@ -41,7 +46,14 @@ class CylinderCase:
         """Its label."""
         known = ", known angle" if self.knows_angle else ""
         free = "" if self.knows_load else ", unknown load"
-        return f"{self.radius_mm:g} mm, {self.angle_deg:g} deg, {self.snr_dB:g} dB{known}{free}"
+        more = "" if self.draws == DRAWS else f", {self.draws} draws"
+        setting = f"{self.radius_mm:g} mm, {self.angle_deg:g} deg, {self.snr_dB:g} dB"
+        return f"{setting}{known}{free}{more}"
+
+    @property
+    def facts(self) -> Row:
+        """What decides on its row beside its label, which names another number of draws."""
+        return {key: each for key, each in dataclasses.asdict(self).items() if key != "draws"}
 
 
 EVERY = [
@@ -50,6 +62,7 @@ EVERY = [
     CylinderCase(0.3, 0.0, 60.0),
     CylinderCase(0.3, 10.0, 60.0),
     CylinderCase(0.3, 30.0, 60.0, knows_load=False),
+    CylinderCase(1.0, 30.0, 60.0, draws=800),
 ]
 CASES = {case.named: case for case in EVERY}
 
@@ -71,7 +84,7 @@ def measured(setting: str) -> Row:
     case, seed = CASES[setting], list(CASES).index(setting)
     scan = case.scan
     also = () if case.knows_load else ("nominal_pressure_Pa",)
-    draws = fitted_draws(scan, DRAWS, seed, case.knows_angle, also)
+    draws = fitted_draws(scan, case.draws, seed, case.knows_angle, also)
     has_bound = case.knows_angle or case.angle_deg > 0
     intervals = [draw.estimate.asymmetric for draw in draws]
     bounds = scan.bounds(case.knows_angle or not has_bound, case.knows_load) if has_bound else {}
@@ -87,7 +100,7 @@ def measured(setting: str) -> Row:
         row[f"{name}_held_percent"] = 100 * float(np.mean(held))
         row[f"{name}_identified_percent"] = 100 * float(finite)
     good = [str(draw.estimate.quality) for draw in draws]
-    return row | {f"{word}_percent": 100 * good.count(word) / DRAWS
+    return row | {f"{word}_percent": 100 * good.count(word) / case.draws
                   for word in ("good", "doubtful", "failed")}  # fmt: skip
 
 
@@ -95,5 +108,5 @@ STUDY = Study(
     "cylinder",
     measured,
     lambda: [{"setting": name} for name in CASES],
-    rests_on=lambda setting: dataclasses.asdict(CASES[setting]),
+    rests_on=lambda setting: CASES[setting].facts,
 )

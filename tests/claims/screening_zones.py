@@ -2,7 +2,8 @@
 bound.
 
 The scenes are those of tests/claims/screening.py with `BESIDE` alone of its effects, a contact zone
-of 3 to 30 depths, and ridges on every other finger. A row is as there. It takes a few minutes.
+of half a depth to 100 depths, and ridges on every other finger. A row is as there. It takes a few
+minutes.
 """
 
 from collections.abc import Mapping
@@ -28,7 +29,7 @@ def measured(scene: int) -> Mapping[float, Row]:
     """One scene, by tolerance."""
     rng = np.random.default_rng([scene, 1])
     cfg = config.select_effects(configuration(scene), BESIDE)
-    half = cfg["sensor"]["depth_m"] * float(10 ** rng.uniform(0.5, 1.5))
+    half = cfg["sensor"]["depth_m"] * float(10 ** rng.uniform(-0.3, 2.0))
     profile = str(rng.choice(["hertz", "foundation"]))
     cfg["effects"]["finite_patch"] = {
         "_target_": f"{EFFECTS}.finite_patch.FinitePatch",

@@ -264,6 +264,20 @@ def test_nor_beside_loud_bursts(name, settings, silent):
     assert 1e-3 < change <= screening.relative_change_bounds[name]
 
 
+@pytest.mark.full
+def test_what_acts_at_a_film_is_bounded_within_a_narrow_zone():
+    """There it is no factor on the signal, of which a wave of 8 mm has too little."""
+    given = "scene=sinusoid", "grid.cells=256", "effects.finite_patch.half_width_m=5e-4"
+    cfg = configuration("effects=[strip_width,finite_patch]", *given)
+    zone = config.simulation(config.select_effects(cfg, ("finite_patch",)))
+    change = difference(*pair(zone, config.simulation(cfg), KEY))
+    effects = config.effects(cfg)
+    screening = screen(config.ideal(cfg), config.line(cfg), effects, 1e-9)
+    bound = screening.relative_change_bounds["strip_width"]
+    spectra = reference(zone.scenario.replace(sensor=config.ideal(cfg).sensor), zone.fine)
+    assert effects["strip_width"].relative_change_bound(spectra) < change <= bound < 2 * change
+
+
 SOFT = "effects.layered_skin.layers.skin.youngs_modulus_Pa=3e4"
 STIFF = "effects.layered_skin.layers.skin.youngs_modulus_Pa=7e7"
 ALTERED = {

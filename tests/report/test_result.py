@@ -242,6 +242,14 @@ def test_rows_of_one_quantity_share_a_unit_that_reads_well():
     assert [row[0].split()[-1] for row in table.rows] == ["mm", "mm", "µm"]
 
 
+def test_an_interval_from_zero_has_the_unit_of_its_upper_end():
+    words = '{{ table({"w": ds.low|between(ds.high, ["m"])}) }}'
+    data = dataset({"low": ("i", [0.0], "m"), "high": ("i", [6e-4], "m")}, {"i": ([0], "1")})
+    (table,) = blocks(WrittenSection("S", words=words), data)
+    assert isinstance(table, Table)
+    assert table.rows[0][0] == "0 to 600 µm"
+
+
 @pytest.mark.parametrize(("value", "stderr", "units", "written"), [
     (2.5894e-5, 3.2e-7, "m", "25.89 ± 0.32 µm"),
     (1.50204e-3, 1.2e-5, "m", "1.502 ± 0.012 mm"),

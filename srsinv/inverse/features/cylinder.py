@@ -37,6 +37,7 @@ from ...forward.traction import Hertz, LineLoad
 from ...forward.turned_skin import TurnedSkin
 from ...grid import Convolution, Line, Scalar, as_real, sinc, wavenumbers
 from ...numerics import BAND_90, fast_length, shared_count
+from ...quantities import quantity
 from ..nonlinear import Fit
 from ..rig.setup import Setup
 from .contact import AT_ONCE, MOST_SHIFTED, ContactLoading
@@ -209,6 +210,15 @@ class CylinderLoading(ContactLoading):
                  and not is_distinct(name, part, fit)]  # fmt: skip
         return (*found, *self._beyond_hertz(line, features, fit))
 
+    def _own_stderr(self, name: str, part: str, fit: Fit) -> float:
+        """The standard error of a parameter if the rig's facts were known exactly."""
+        beside = ("base_friction", "offset", *self.also)
+        is_own = np.array([each.startswith((f"{name}.", *beside)) for each in fit.names])
+        own, facts = (fit.covariance[is_own][:, each] for each in (is_own, ~is_own))
+        known = own - facts @ np.linalg.solve(fit.covariance[~is_own][:, ~is_own], facts.T)
+        row = list(np.array(fit.names)[is_own]).index(f"{name}.{part}")
+        return float(np.sqrt(max(known[row, row], 0.0)))
+
     def _indistinct(self, name: str, part: str, fit: Fit) -> str:
         most = self._most(name, part, fit)
         if part == ANGLE:
@@ -218,10 +228,17 @@ class CylinderLoading(ContactLoading):
                 f"degrees at 95 % confidence. Give feature.{name}.angle_deg where it is known: "
                 "near 0 the radius depends on it."
             )
+        known = self._own_stderr(name, part, fit)
+        of_rig = (
+            f" The rig's tolerances hide it: with all facts exact its standard error is "
+            f"{quantity(known, 'm', 2)}. Calibrate the rig, or state smaller ones in "
+            "recording.tolerance."
+        )
+        is_of_rig = float(fit.value[name][part]) > DISTINCT * known
         return (
             f"The data do not identify the radius of {name}: the contact is too narrow beside the "
-            f"film's depth, and any radius up to {1e3 * most:.3g} mm explains them (95 % "
-            "confidence). Raise the load or average scans."
+            f"film's depth, and any radius up to {quantity(most, 'm')} explains them (95 % "
+            f"confidence).{of_rig if is_of_rig else ' Raise the load or average scans.'}"
         )
 
     def _beyond_hertz(self, line: Line, features: Features, fit: Fit) -> tuple[str, ...]:

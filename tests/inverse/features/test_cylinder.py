@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import srsinv
 from experiments.cylinder.scans import CylinderScan, fitted_draws
 from srsinv.forward.feature import ScanExtent
 from srsinv.forward.oblique import turned
@@ -22,6 +23,9 @@ from srsinv.inverse.features.model import FeatureModel
 from srsinv.inverse.gridding.cells import Window
 from srsinv.inverse.line.problem import LineProblem
 from srsinv.numerics import BAND_90
+from srsinv.quantities import quantity
+from srsinv.recorded import problem_of
+from srsinv.recording import Recording
 from tests.claims.study import read
 from tests.refusals import refused
 
@@ -154,6 +158,44 @@ def test_a_radius_that_is_not_identified_is_reported_so(draws):
         assert np.isfinite(draw.stderr("angle_rad"))
 
 
+def recorded(change=(1.0, 1.0), **facts):
+    """A recording of the scan at 30 degrees by two channels, times a change of each."""
+    problem, motion = SCAN.problem(1e-4, np.random.default_rng(1)), SCAN.motion
+    return Recording(
+        np.asarray(problem.data) * np.reshape(change, (2, 1)), np.asarray(motion.time_s),
+        np.asarray(motion.speed_m_per_s), ("first", "second"),
+        {"nominal_pressure_Pa": SCAN.nominal_pressure_Pa, "contact_window_m": [-0.012, 0.012]}
+        | facts,
+        measured_position_m=np.asarray(motion.position_m),
+    )  # fmt: skip
+
+
+@pytest.mark.full
+def test_of_features_at_an_angle_only_a_sure_fault_of_the_wiring_is_reported():
+    """As straight ones they would fit another gain, which no fit of a cylinder is warned of."""
+    straight = problem_of(recorded(), SCAN.sensor)
+    assert any("a gain of element 2" in each for each in straight.warnings)
+    assert not problem_of(recorded(), SCAN.sensor, are_straight_across=False).warnings
+    turned_over = recorded(change=(1.0, -1.0))
+    mended = problem_of(turned_over, SCAN.sensor, are_straight_across=False)
+    assert "second seems to be of the other sign" in " ".join(mended.warnings)
+    d1 = [float(film.piezo.d1) for film in mended.sensor.elements]
+    assert d1[1] == -d1[0]
+
+
+@pytest.mark.claim
+def test_a_radius_that_the_rigs_tolerances_hide_is_reported_so():
+    """By a sentence with the error that an exact rig would give."""
+    features = {"it": CylinderFeature()}
+    hidden = srsinv.fit_recording(recorded(), features, SCAN.sensor)
+    exact = srsinv.fit_recording(recorded(tolerance="none"), features, SCAN.sensor)
+    assert hidden.parameters["radius_m"][1] == np.inf
+    (words,) = [each for each in hidden.warnings if "radius" in each]
+    assert "tolerances hide it" in words
+    assert quantity(exact.parameters["radius_m"][1], "m", 2) in words
+    assert exact.quality == "good"
+
+
 @pytest.mark.claim
 def test_straight_across_the_angle_and_the_radius_act_alike():
     """Intervals from 0 of both, and that of the radius is the one of a known angle."""
@@ -175,6 +217,8 @@ def test_angles_are_ranges_of_their_squared_sines():
     own = feature.from_reported({"angle_rad": np.pi / 6})
     assert own["sine_squared"] == pytest.approx(0.25)
     assert "sine_squared" not in CylinderFeature(20).axes
+    across = [CylinderFeature(each).is_straight_across for each in (0, 20, None)]
+    assert across == [True, False, False]
 
 
 def test_a_simulated_problem_has_its_nominal_pressure():
@@ -218,6 +262,9 @@ def test_over_many_draws_errors_are_at_the_bound_and_intervals_hold():
                 assert row[f"{name}_held_percent"] == pytest.approx(90, abs=7.5), row["setting"]
                 held.append(row[f"{name}_held_percent"])
     assert np.mean(held) == pytest.approx(90, abs=2)
+    many = rows["1 mm, 30 deg, 60 dB, 800 draws"]
+    for name in ("radius_m", "angle_rad", "position_m", "base_friction"):
+        assert many[f"{name}_held_percent"] == pytest.approx(90, abs=4), name
     faint = rows["0.1 mm, 30 deg, 40 dB"]
     assert faint["radius_m_identified_percent"] < 25
     assert faint["radius_m_held_percent"] > 86
