@@ -29,7 +29,10 @@ from srsinv.inverse.bursts.model import BurstModel
 from srsinv.inverse.bursts.posterior import Burst, OneBurst
 from srsinv.inverse.bursts.rate import burst_rate, first_sizes
 from srsinv.inverse.line.problem import LineProblem
+from srsinv.jobs._inversion import InversionCase, run
+from srsinv.jobs._recorded import check_invertible
 from srsinv.modules import with_fields
+from srsinv.recording import Recording
 from tests.refusals import refused
 
 N, CELL_M, RMS_V = 256, 8e-5, 1e-6
@@ -183,7 +186,7 @@ def recorded(speed=0.02, missing=slice(0, 0)):
 
 
 @pytest.mark.full
-@pytest.mark.parametrize("speed", [0.02, -0.02])
+@pytest.mark.parametrize("speed", [pytest.param(0.02, marks=pytest.mark.claim), -0.02])
 def test_bursts_are_found_in_a_recording(speed):
     estimate = BurstInversion(method=Wiener())(recorded(speed, slice(500, 530)))
     assert isinstance(estimate, BurstEstimate)
@@ -220,6 +223,24 @@ def test_decays_out_of_the_range_are_warned_of():
     estimate = BurstInversion(decay_s=(0.5e-3, 2e-3), method=Wiener())(scanned())
     assert any("decay_s" in each for each in estimate.warnings)
     assert not any("decay_s" in each for each in found().warnings)
+
+
+def test_job_reports_each_burst_with_its_interval():
+    problem = scanned()
+    assert problem.sensor is not None
+    methods = {"Bursts": lambda each: found()}
+    data = run(InversionCase(problem, problem.sensor, methods, {}, name="a pass")).dataset
+    own, bursts = data.sel(estimator="Bursts"), found().bursts
+    for j, place in enumerate(bursts.place.low):
+        assert float(own["found_low"].sel(found=f"burst_{j + 1}_place_m")) == place
+    assert float(own["found_high"].sel(found="burst_rate_hz")) == bursts.rate_hz[3]
+
+
+def test_job_refuses_bursts_of_a_recording_that_lacks_what_stands_out():
+    facts = {"feedback_resistance_ohm": 1e6}
+    recording = Recording(np.zeros((1, 3)), np.arange(3.0), np.ones(3), ("a",), {"sensor": facts})
+    check_invertible(recording, "Pa", [Wiener()])
+    refused(lambda: check_invertible(recording, "Pa", [BurstInversion()]), "unusable=keep")
 
 
 def at_varying_speed():
@@ -299,6 +320,7 @@ WRONG = {
     "patch": (lambda: BurstInversion(patch_m=0.0), "method.bursts.patch_m"),
     "contact": (lambda: BurstInversion(contact_m=-1.0), "method.bursts.contact_m"),
     "decays": (lambda: BurstInversion(decay_s=(2e-3, 1e-3)), "method.bursts.decay_s"),
+    "short": (lambda: BurstInversion(decay_s=(1e-6, 1e-5))(scanned()), "method.bursts.decay_s"),
     "decay": (lambda: BurstInversion(decay_s=3.0), "method.bursts.decay_s"),
     "method": (lambda: BurstInversion(method=3), "method.bursts.method"),
     "speed": (lambda: BurstInversion()(at_varying_speed()), "constant speed"),

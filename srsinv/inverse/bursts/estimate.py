@@ -34,8 +34,8 @@ class Found(NamedTuple):
 class FoundBursts(eqx.Module):
     """The bursts that are claimed, in the order of time.
 
-    - `time`: the beginning, from the pass's first sample [s]; `place`: on the finger, from the
-      sensor's origin [m]; `size`: of the shear [Pa]; `decay` [s].
+    - `time`: the beginning, from the pass's first valid sample [s]; `place`: on the finger, from
+      the sensor's origin [m]; `size`: of the shear [Pa]; `decay` [s].
     - `d_prime`: the signal-to-noise ratio of each; `is_located`: whether its place is known to
       within a tenth of the contact; `log_odds`: log of the averaged likelihood ratio of having it.
     - `rate_hz`: median, standard error, and ends of the 90 % interval of the rate of bursts whose

@@ -9,17 +9,23 @@ responses to a patch at y, h_tau the same decay through the amplifier and the fi
 Everything else is in everything.py.
 """
 
+import dataclasses
 from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 from scipy.interpolate import CubicSpline
 
 from ...compiled import compiled
+from ...errors import refuse
+from ...forward.film import Film, SampleAverage
+from ...forward.sensor import Sensor
 from ...forward.snap_back import SnapBackNoise, relaxing
 from ...grid import as_real
 from ..line.problem import LineProblem
 
+SHORTEST = 0.1  # of the interval, below which all that is known of a decay is that it is short
+UNUSUAL = 0.05  # a cell's noise differs so much where it lacks samples, or the speed varies
 PLACES = 401  # of the contact, at which responses are computed: a spline is between them
 
 
@@ -39,9 +45,16 @@ class BurstModel:
         assert scan is not None
         self.n = problem.line.n
         self.interval_s = 1 / float(scan.sample_rate_hz(problem.line))
+        refuse(
+            decay_s[1] < SHORTEST * self.interval_s,
+            f"method.bursts.decay_s ends at {decay_s[1]:.3g} s, but samples are "
+            f"{self.interval_s:.3g} s apart, so no size follows: give a longer decay.",
+        )
         self.seconds = float(np.sum(problem.observed_cells)) * self.interval_s
         self.contact_m, self.decay_s = contact_m, decay_s
         typical = float(np.sqrt(decay_s[0] * decay_s[1]))
+        # A mean of samples is one over time: the patch stays where it is on the finger.
+        sensor = sensor.with_films(_without_average)
         self._unit = SnapBackNoise.recorded_by(sensor, 1.0, 1.0, patch_m, typical, contact_m)
         self._recorded = np.asarray(self._unit.recorded(problem.line, scan))
         self._angle = 2 * np.pi * np.arange(self.n // 2 + 1) / self.n
@@ -87,3 +100,23 @@ class BurstModel:
 @compiled
 def _responses(unit: SnapBackNoise, place_m: Float[Array, " place"]) -> Float[Array, "e place"]:
     return unit.response(place_m)
+
+
+def samples_in_a_cell(sensor: Sensor) -> int:
+    """The number of samples that a cell's signal is the mean of."""
+    effects = sensor.elements[0].effects
+    return max((each.count for each in effects if isinstance(each, SampleAverage)), default=1)
+
+
+def are_usual(problem: LineProblem) -> Bool[np.ndarray, "e n"]:
+    """The cells whose noise is that of the others, as they have as many samples."""
+    scale = problem.noise_scale
+    if scale is None:
+        return np.ones(problem.data.shape, bool)
+    return np.abs(np.asarray(scale, float) - 1) < UNUSUAL
+
+
+def _without_average(film: Film) -> Film:
+    """The film without means over samples."""
+    effects = tuple(each for each in film.effects if not isinstance(each, SampleAverage))
+    return film if len(effects) == len(film.effects) else dataclasses.replace(film, effects=effects)

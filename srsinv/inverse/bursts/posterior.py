@@ -21,7 +21,8 @@ BESIDE = 3  # samples on each side of the likeliest, which the first sample may 
 DECAYS, PLACES = 16, 64  # of the grid
 ZOOMS = ((0.1, 14.0), (0.02, 14.0), (0.0, 12.0), (0.0, 12.0))
 DRAWS, AGES = 2000, 16
-BEYOND = 1.0  # in log decay, how far out of the range a likelier one is looked for
+BEYOND = 4.0  # in log decay, how far out of the range a likelier one is looked for
+MOST_GROWTH = 300.0  # decays in an interval: of more, a burst's size is not known at all
 LEAST_LEFT = 1e-9  # of Q, beside other bursts and missing samples
 
 
@@ -267,7 +268,8 @@ class OneBurst:
         place = grid.place_m[y] + along_y * grid.step[1] * model.contact_m
         # The age in the first sample, by how likely the size is that it would have.
         age = _middles((0.0, 1.0), AGES)
-        grown = np.exp(model.interval_s / decay[:, None] * age)
+        growth = np.minimum(model.interval_s / decay, MOST_GROWTH)
+        grown = np.exp(growth[:, None] * age)
         scaled = (amplitude / self.prior.rms_Pa[rms])[:, None] * grown
         log = np.log(grown) - 0.5 * scaled**2
         weights = np.exp(log - log.max(axis=1, keepdims=True))
@@ -275,7 +277,7 @@ class OneBurst:
         at = np.sum(total < (rng.random(DRAWS) * total[:, -1])[:, None], axis=1)
         aged = age[at] + (rng.random(DRAWS) - 0.5) / AGES
         time = (grid.samples[m] - aged) * model.interval_s
-        size = amplitude * np.exp(model.interval_s / decay * aged)
+        size = amplitude * np.exp(growth * aged)
         return Draws(time, place, size, decay)
 
 
