@@ -69,6 +69,8 @@ def test_bursts_are_within_their_intervals_and_none_is_claimed_without():
         assert row["false"] == 0
     assert rows["1 element"]["located_percent"] == 0
     assert rows["4 elements"]["located_percent"] > rows["3 elements"]["located_percent"] > 50
+    assert rows["4 elements, recorded"]["false"] == 0
+    assert rows["4 elements, recorded"]["located_percent"] > 70
     silent = [row for row in rows.values() if "no bursts" in row["setting"]]
     assert max(row["passes_with_false_percent"] for row in silent) <= 2
 

@@ -134,6 +134,11 @@ class Estimate(BandedAnswer):
         """p and q (2, n) less their mean over the cells of `cells` (n,), a mask, and the standard
         error of these deviations."""
 
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        """Ends of the 90 % intervals of parameters that are not normally distributed, by name."""
+        return {}
+
     def with_warnings(self, warnings: Sequence[str]) -> "Estimate":
         """The same estimate with further warnings."""
         return dataclasses.replace(self, warnings=(*self.warnings, *warnings))

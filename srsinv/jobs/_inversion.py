@@ -22,6 +22,7 @@ from ..inverse.estimate import (
 )
 from ..inverse.line.problem import LineProblem
 from ..inverse.quality import Quality
+from ..numerics import BAND_90
 from ..progress import stage
 from ..report.answers import answer_variables
 from ..report.data import dataset, key_of, scalars
@@ -165,10 +166,28 @@ def _found(estimates: Estimates) -> Variables:
     pairs = [[each.parameters.get(name, unknown) for name in names] for each in estimates.values()]
     value, stderr = np.moveaxis(np.array(pairs, float), -1, 0)
     by = "estimator", "found"
-    return {
+    return _found_ends(estimates, names, value, stderr) | {
         "found_value": (by, value, "SI", "{found!s}_{estimator}"),
         "found_stderr": (by, stderr, "SI", "{found!s}_stderr_{estimator}"),
         "found_unit": ("found", [unit_of(name) for name in names], "1"),
+    }
+
+
+def _found_ends(
+    estimates: Estimates, names: Sequence[str], value: np.ndarray, stderr: np.ndarray
+) -> Variables:
+    """Ends of the 90 % intervals of these facts, where any is not normally distributed."""
+    own = [each.intervals for each in estimates.values()]
+    if not any(own):
+        return {}
+    low, high = value - BAND_90 * stderr, value + BAND_90 * stderr
+    for row, ends in enumerate(own):
+        for at, name in enumerate(names):
+            low[row, at], high[row, at] = ends.get(name, (low[row, at], high[row, at]))
+    by = "estimator", "found"
+    return {
+        "found_low": (by, low, "SI", "{found!s}_low_{estimator}"),
+        "found_high": (by, high, "SI", "{found!s}_high_{estimator}"),
     }
 
 

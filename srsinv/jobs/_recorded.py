@@ -1,8 +1,10 @@
 """Recordings for inversion: which can be inverted, and on which line of cells."""
 
+from collections.abc import Iterable
 from typing import Any
 
 from ..errors import choice, refuse
+from ..inverse.bursts.method import BurstInversion
 from ..inverse.line.problem import LineProblem
 from ..inverse.problem import Problem
 from ..progress import stage
@@ -29,10 +31,16 @@ def traction_unit_named(given: Any) -> str:
     return {"Pa": "Pa", "relative": "1"}[choice("traction_unit", given, ("Pa", "relative"))]
 
 
-def check_invertible(recording: Recording, unit: str) -> None:
-    """Refuse a recording that cannot give p and q in this unit."""
+def check_invertible(recording: Recording, unit: str, methods: Iterable[Any] = ()) -> None:
+    """Refuse a recording that cannot give p and q in this unit, or by these methods."""
     if unit == "Pa":
         check_volts(recording)
+    seeks_bursts = any(isinstance(each, BurstInversion) for each in methods)
+    refuse(
+        seeks_bursts and recording.sidecar.get("unusable") != "keep",
+        f"{recording.name}: bursts stand out of the noise, and method=bursts needs samples that "
+        "else are taken as missing: give recording.unusable=keep.",
+    )
     refuse(
         unit == "1" and recording.sidecar.get("nominal_pressure_Pa") is not None,
         f"{recording.name}: recording.nominal_pressure_Pa is in Pa, but "

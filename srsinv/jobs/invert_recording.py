@@ -19,7 +19,7 @@ def run(cfg: config.Config) -> Result:
     with config.precision(cfg):
         methods, unit = config.methods(cfg), traction_unit_named(cfg.get("traction_unit", "Pa"))
         recording = config.recording(cfg)
-        check_invertible(recording, unit)
+        check_invertible(recording, unit, methods.values())
         problem = config.recorded_problem(cfg, recording)
         every, calibrated = with_conformal(cfg, methods, problem, unit)
         gridded = on_cells(problem)

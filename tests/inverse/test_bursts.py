@@ -10,14 +10,29 @@ from scipy import stats
 
 import srsinv
 from experiments.elements.passes import TrueBursts, burst_signals, in_a_row
-from srsinv import BurstEstimate, BurstInversion, ConstantSpeed, Film, Periodic, Sensor, Wiener
+from srsinv import (
+    BurstEstimate,
+    BurstInversion,
+    ConstantSpeed,
+    Film,
+    Motion,
+    Open,
+    Periodic,
+    Problem,
+    Sensor,
+    Wiener,
+)
 from srsinv.forward.noise import White
 from srsinv.forward.snap_back import SnapBackNoise
-from srsinv.inverse.bursts.model import BurstModel, Everything
+from srsinv.inverse.bursts.everything import Columns, Everything
+from srsinv.inverse.bursts.model import BurstModel
 from srsinv.inverse.bursts.posterior import Burst, OneBurst
 from srsinv.inverse.bursts.rate import burst_rate, first_sizes
 from srsinv.inverse.line.problem import LineProblem
+from srsinv.jobs._inversion import InversionCase, run
+from srsinv.jobs._recorded import check_invertible
 from srsinv.modules import with_fields
+from srsinv.recording import Recording
 from tests.refusals import refused
 
 N, CELL_M, RMS_V = 256, 8e-5, 1e-6
@@ -107,6 +122,141 @@ def test_pass_without_bursts_has_none():
     assert 0 < high < 20 / SECONDS
 
 
+def test_missing_samples_and_columns_are_taken_out_of_the_precision():
+    """Against the inverse of the whole covariance between samples in time."""
+    rng, elements, n = np.random.default_rng(0), 2, 24
+    half = rng.normal(size=(elements, elements, n)) * np.exp(-np.arange(n))
+    total = np.moveaxis(np.fft.rfft(half), -1, 0)
+    total = total @ total.conj().swapaxes(1, 2) + 0.1 * np.eye(elements)
+    observed, columns = rng.random((elements, n)) > 0.3, rng.normal(size=(3, elements, n))
+    lag = (np.arange(n)[:, None] - np.arange(n)) % n
+    lags = np.fft.irfft(np.moveaxis(total, 0, -1), n)
+    whole = np.block([[lags[e, f][lag] for f in range(elements)] for e in range(elements)])
+    beside = (columns * observed).reshape(3, -1)
+    own = (whole + beside.T @ beside)[np.ix_(observed.ravel(), observed.ravel())]
+    rest = Everything(np.linalg.inv(total), 0.0, n, np.zeros((1, 1)))
+    got, data = rest.over(Columns(observed, columns)), rng.normal(size=(elements, n))
+    expected = np.zeros(elements * n)
+    expected[observed.ravel()] = np.linalg.solve(own, data[observed])
+    weighed = np.fft.irfft(got.weigh(np.fft.rfft(data)), n)
+    np.testing.assert_allclose(weighed.ravel(), expected, rtol=0, atol=1e-9)
+    log_det = got.log_det + np.linalg.slogdet(whole)[1] / 2
+    np.testing.assert_allclose(log_det, np.linalg.slogdet(own)[1] / 2, rtol=1e-9)
+    assert got.taken is not None
+    shape, responses = np.exp(-1.5 * np.arange(n)), np.array([[1.0], [-0.4]])
+    waves = np.fft.rfft(shape)[None]
+    every = got.taken.every_square(waves[0], responses)
+    some = got.taken.squares(waves, np.arange(-2, 3), responses)[:, 0].T
+    np.testing.assert_allclose(some, every[:, np.arange(-2, 3)], rtol=1e-6)
+    for m in range(n):
+        burst = (responses * np.roll(shape, m))[observed]
+        square = got.squares(waves, responses)[0, 0] - every[0, m]
+        np.testing.assert_allclose(square, burst @ np.linalg.solve(own, burst), atol=1e-9)
+
+
+def test_bursts_are_found_beside_missing_samples():
+    """One of the four is in the gap, and none is claimed there."""
+    cells = np.arange(N)
+    problem = scanned().restricted_to((cells > 3) & ((cells < 190) | (cells > 205)))
+    estimate = BurstInversion(method=Wiener())(problem)
+    assert isinstance(estimate, BurstEstimate)
+    bursts, left = estimate.bursts, TRUTH.time_s[:3]
+    assert len(bursts) == len(left)
+    assert np.abs((bursts.time.value - left) / bursts.time.stderr).max() < 3.5
+    assert np.abs((bursts.place.value - TRUTH.place_m[:3]) / bursts.place.stderr).max() < 3.5
+    assert estimate.parameters["burst_2_place_m"][0] == bursts.place.value[1]
+    assert estimate.intervals["burst_rate_hz"] == bursts.rate_hz[2:]
+    assert 0.8 < float(estimate.chi2_per_freedom or 0.0) < 1.2
+
+
+def recorded(speed=0.02, missing=slice(0, 0)):
+    """Signals of an open line with more beyond the scan, four samples a cell, and their bursts."""
+    sensor, scan, cell, margin = Sensor(in_a_row(Film(), 4, 1e-3)), ConstantSpeed(speed), 2e-5, 400
+    line = Open(4 * N + 2 * margin, cell, -(2 * N + margin) * cell)
+    scenario = srsinv.Scenario(SCENE, sensor, scan, noises=(White(RMS_V),))
+    inside = slice(margin, margin + 4 * N)
+    signal = np.asarray(srsinv.simulate(scenario, line, friction=0.5).signal)[:, inside]
+    signal = signal + burst_signals(TRUTH, PATCH_M, sensor, Open(4 * N, cell, 0.0), scan)
+    signal = signal + np.random.default_rng(0).normal(0, 2 * RMS_V, signal.shape)
+    along = slice(None, None, int(np.sign(speed)))
+    x, signal = np.asarray(line.x)[inside][along], signal[:, along].copy()
+    signal[:, missing] = np.nan
+    motion = Motion(np.arange(4 * N) * cell / abs(speed), x, np.full(4 * N, speed))
+    return Problem(sensor, motion, signal, 2 * RMS_V, friction=0.5, cell_m=4 * cell)
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("speed", [pytest.param(0.02, marks=pytest.mark.claim), -0.02])
+def test_bursts_are_found_in_a_recording(speed):
+    estimate = BurstInversion(method=Wiener())(recorded(speed, slice(500, 530)))
+    assert isinstance(estimate, BurstEstimate)
+    bursts = estimate.bursts
+    true = {"time": TRUTH.time_s, "place": TRUTH.place_m, "size": TRUTH.size_Pa, "decay": 5e-3}
+    assert len(bursts) == len(TRUTH.time_s)
+    for name, values in true.items():
+        got = getattr(bursts, name)
+        assert np.abs((got.value - values) / got.stderr).max() < 3.5, name
+
+
+def with_films_at(angles_rad, scene, friction):
+    """A pass of films at these angles without bursts, inverted under another friction."""
+    films = [Film(angle_rad=each, offset_m=1e-3 * i) for i, each in enumerate(angles_rad)]
+    scenario = srsinv.Scenario(scene, Sensor(films), ConstantSpeed(0.02), noises=(White(RMS_V),))
+    made = srsinv.simulate(scenario, LINE, friction=friction)
+    signal = np.asarray(made.signal - made.problem.mean_signal)
+    noise = np.random.default_rng(0).normal(0, RMS_V, signal.shape)
+    return with_fields(made.problem, data=jnp.asarray(signal + noise))
+
+
+@pytest.mark.full
+def test_no_burst_is_claimed_where_the_friction_is_wrong():
+    loud = srsinv.TractionScene(0.0, 0.4, [srsinv.UniformStrip(2e5, 3e-3)])
+    problem = with_films_at([0.0, np.pi / 2, 0.0, np.pi / 2], loud, friction=0.0)
+    estimate = BurstInversion()(problem)
+    assert isinstance(estimate, BurstEstimate)
+    assert len(estimate.bursts) == 0
+    assert np.isnan(estimate.bursts.rate_hz).all()
+    assert any("friction" in each for each in estimate.warnings)
+
+
+def test_decays_out_of_the_range_are_warned_of():
+    estimate = BurstInversion(decay_s=(0.5e-3, 2e-3), method=Wiener())(scanned())
+    assert any("decay_s" in each for each in estimate.warnings)
+    assert not any("decay_s" in each for each in found().warnings)
+
+
+def test_job_reports_each_burst_with_its_interval():
+    problem = scanned()
+    assert problem.sensor is not None
+    methods = {"Bursts": lambda each: found()}
+    data = run(InversionCase(problem, problem.sensor, methods, {}, name="a pass")).dataset
+    own, bursts = data.sel(estimator="Bursts"), found().bursts
+    for j, place in enumerate(bursts.place.low):
+        assert float(own["found_low"].sel(found=f"burst_{j + 1}_place_m")) == place
+    assert float(own["found_high"].sel(found="burst_rate_hz")) == bursts.rate_hz[3]
+
+
+def test_job_refuses_bursts_of_a_recording_that_lacks_what_stands_out():
+    facts = {"feedback_resistance_ohm": 1e6}
+    recording = Recording(np.zeros((1, 3)), np.arange(3.0), np.ones(3), ("a",), {"sensor": facts})
+    check_invertible(recording, "Pa", [Wiener()])
+    refused(lambda: check_invertible(recording, "Pa", [BurstInversion()]), "unusable=keep")
+
+
+def at_varying_speed():
+    """A pass whose cells have the noise of a speed that rises by a half."""
+    scale = np.broadcast_to(np.linspace(0.9, 1.1, N), (4, N))
+    return with_fields(scanned(), noise_scale=jnp.asarray(scale))
+
+
+def of_two_passes():
+    time_s = np.arange(2 * N) * 4e-3
+    speed = np.where(time_s < time_s[N], 0.02, -0.02)
+    signal = np.random.default_rng(0).normal(0, RMS_V, (4, speed.size))
+    sensor = Sensor(in_a_row(Film(), 4, 1e-3))
+    return Problem(sensor, Motion.from_speed(time_s, speed), signal, RMS_V, friction=0.5)
+
+
 def problem_and_model():
     problem = scanned()
     model = BurstModel(problem, 5e-4, 1e-2, (1e-3, 20e-3))
@@ -170,9 +320,10 @@ WRONG = {
     "patch": (lambda: BurstInversion(patch_m=0.0), "method.bursts.patch_m"),
     "contact": (lambda: BurstInversion(contact_m=-1.0), "method.bursts.contact_m"),
     "decays": (lambda: BurstInversion(decay_s=(2e-3, 1e-3)), "method.bursts.decay_s"),
+    "short": (lambda: BurstInversion(decay_s=(1e-6, 1e-5))(scanned()), "method.bursts.decay_s"),
     "decay": (lambda: BurstInversion(decay_s=3.0), "method.bursts.decay_s"),
     "method": (lambda: BurstInversion(method=3), "method.bursts.method"),
-    "gaps": (lambda: BurstInversion()(scanned().restricted_to(np.arange(N) > 3)), "missing"),
+    "speed": (lambda: BurstInversion()(at_varying_speed()), "constant speed"),
     "still": (
         lambda: BurstInversion()(with_fields(scanned(), scan=ConstantSpeed(0.0))), "slides"
     ),
@@ -184,6 +335,11 @@ WRONG = {
 @pytest.mark.parametrize("name", WRONG)
 def test_refusals(name):
     refused(*WRONG[name])
+
+
+@pytest.mark.full
+def test_several_passes_are_refused():
+    refused(lambda: BurstInversion()(of_two_passes()), "single pass")
 
 
 @pytest.mark.claim

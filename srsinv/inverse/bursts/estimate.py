@@ -1,5 +1,6 @@
 """The estimate of a traction and of the bursts beside it."""
 
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -30,15 +31,15 @@ class Found(NamedTuple):
         return cls(each.mean(axis=1), each.std(axis=1), *np.quantile(each, (0.05, 0.95), axis=1))
 
 
-class FoundBursts(NamedTuple):
+class FoundBursts(eqx.Module):
     """The bursts that are claimed, in the order of time.
 
-    - `time`: the beginning, from the pass's first sample [s]; `place`: on the finger, from the
-      sensor's origin [m]; `size`: of the shear [Pa]; `decay` [s].
+    - `time`: the beginning, from the pass's first valid sample [s]; `place`: on the finger, from
+      the sensor's origin [m]; `size`: of the shear [Pa]; `decay` [s].
     - `d_prime`: the signal-to-noise ratio of each; `is_located`: whether its place is known to
       within a tenth of the contact; `log_odds`: log of the averaged likelihood ratio of having it.
     - `rate_hz`: median, standard error, and ends of the 90 % interval of the rate of bursts whose
-      signal-to-noise ratio is above 5.
+      signal-to-noise ratio is above 5; NaN where the model of the traction is wrong.
     """
 
     time: Found
@@ -50,17 +51,35 @@ class FoundBursts(NamedTuple):
     log_odds: Float[np.ndarray, " burst"]
     rate_hz: tuple[float, float, float, float]
 
-    def __len__(self) -> int:  # pyright: ignore[reportIncompatibleMethodOverride]
+    def __len__(self) -> int:
         return len(self.d_prime)
+
+    def named(
+        self, ends: Callable[[Found, int], tuple[Any, Any]]
+    ) -> dict[str, tuple[float, float]]:
+        """Two numbers of each quantity of each burst, by its name: `burst_1_time_s`."""
+        made = {}
+        for j in range(len(self)):
+            for name, unit in QUANTITIES.items():
+                one, other = ends(getattr(self, name), j)
+                made[f"burst_{j + 1}_{name}_{unit}"] = float(one), float(other)
+        return made
 
 
 class BurstEstimate(TractionEstimate):
     """An estimate of the traction with the bursts of catch and snap beside it, `bursts`.
 
-    `fitted` has the bursts, and the standard errors of p and q have their uncertainty.
+    `fitted` has the bursts, and the standard errors of p and q have their uncertainty. `parameters`
+    has the rate, and of each burst its quantities, as `burst_1_time_s`.
     """
 
     bursts: FoundBursts = eqx.field(kw_only=True)
+
+    @property
+    def intervals(self) -> Mapping[str, tuple[float, float]]:
+        return self.bursts.named(lambda each, j: (each.low[j], each.high[j])) | {
+            "burst_rate_hz": self.bursts.rate_hz[2:]
+        }
 
     def view_data(self) -> ViewData:
         data, found = super().view_data(), self.bursts

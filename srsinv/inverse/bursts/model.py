@@ -1,4 +1,4 @@
-"""Signals of one burst, and the covariance of everything else.
+"""Signals of one burst.
 
 A burst that begins at the time t at the place y on the finger is a jump of the shear on one patch,
 which decays over tau. Its first sample m has what is left of it, a = s exp(-(m dt - t)/tau), s its
@@ -6,32 +6,35 @@ size. Samples are means over the interval dt, so that t within it cannot be know
 determine a and m. All elements record the burst, b = a R(y) h_tau(j - m): R(y) (e,) their
 responses to a patch at y, h_tau the same decay through the amplifier and the filters.
 
-With the traction integrated out, everything else is Gaussian, of the covariance C(k) = G S G^H + N
-between elements at each wavenumber. N has the noise of the elements and the bursts that are too
-small to be found one by one.
+Everything else is in everything.py.
 """
 
-from typing import Any, NamedTuple
+import dataclasses
+from typing import Any
 
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Array, Bool, Complex, Float
 from scipy.interpolate import CubicSpline
 
 from ...compiled import compiled
+from ...errors import refuse
+from ...forward.film import Film, SampleAverage
+from ...forward.sensor import Sensor
 from ...forward.snap_back import SnapBackNoise, relaxing
-from ...grid import as_real, half_spectrum_weights
-from ..line.prior import Prior
+from ...grid import as_real
 from ..line.problem import LineProblem
 
+SHORTEST = 0.1  # of the interval, below which all that is known of a decay is that it is short
+UNUSUAL = 0.05  # a cell's noise differs so much where it lacks samples, or the speed varies
 PLACES = 401  # of the contact, at which responses are computed: a spline is between them
-DIGITS = 1e8  # of the traction's power over the noise, at most, so that C can be inverted
 
 
 class BurstModel:
     """What one burst gives, in the order of time.
 
-    - `interval_s`: between samples; `n`: number of samples; `contact_m`: of places on the finger,
-      about the sensor's origin; `decay_s`: shortest and longest decay.
+    - `interval_s`: between samples; `n`: number of samples; `seconds`: that were recorded;
+      `contact_m`: of places on the finger, about the sensor's origin; `decay_s`: shortest and
+      longest decay.
     """
 
     def __init__(
@@ -42,8 +45,16 @@ class BurstModel:
         assert scan is not None
         self.n = problem.line.n
         self.interval_s = 1 / float(scan.sample_rate_hz(problem.line))
+        refuse(
+            decay_s[1] < SHORTEST * self.interval_s,
+            f"method.bursts.decay_s ends at {decay_s[1]:.3g} s, but samples are "
+            f"{self.interval_s:.3g} s apart, so no size follows: give a longer decay.",
+        )
+        self.seconds = float(np.sum(problem.observed_cells)) * self.interval_s
         self.contact_m, self.decay_s = contact_m, decay_s
         typical = float(np.sqrt(decay_s[0] * decay_s[1]))
+        # A mean of samples is one over time: the patch stays where it is on the finger.
+        sensor = sensor.with_films(_without_average)
         self._unit = SnapBackNoise.recorded_by(sensor, 1.0, 1.0, patch_m, typical, contact_m)
         self._recorded = np.asarray(self._unit.recorded(problem.line, scan))
         self._angle = 2 * np.pi * np.arange(self.n // 2 + 1) / self.n
@@ -91,57 +102,21 @@ def _responses(unit: SnapBackNoise, place_m: Float[Array, " place"]) -> Float[Ar
     return unit.response(place_m)
 
 
-class Everything(NamedTuple):
-    """The covariance of everything but the bursts sought: `inverse` C^-1 (k, e, e) in the order of
-    time, 0 where the signals' mean is not known, and log det C, `log_det`; n samples."""
+def samples_in_a_cell(sensor: Sensor) -> int:
+    """The number of samples that a cell's signal is the mean of."""
+    effects = sensor.elements[0].effects
+    return max((each.count for each in effects if isinstance(each, SampleAverage)), default=1)
 
-    inverse: Complex[np.ndarray, "k e e"]
-    log_det: float
-    n: int
 
-    @classmethod
-    def of(
-        cls, problem: LineProblem, prior: Prior, noise: Float[np.ndarray, "k e e"], factor: float
-    ) -> "Everything":
-        """Of the traction's prior, with its power times `factor`, and of the noise's matrix."""
-        transfer = np.moveaxis(np.asarray(problem.forward.transfer), -1, 0)
-        root = np.asarray(prior.root(problem.line), float)
-        own = np.einsum("kee->k", noise).real / noise.shape[-1]
-        gain = np.max(np.abs(transfer) ** 2, axis=(0, 1))
-        most = DIGITS * own[1:].min() / np.where(gain > 0, gain, 1.0)
-        with np.errstate(divide="ignore"):
-            power = np.minimum(factor / root**2, most[:, None])
-        power[np.asarray(problem.zero_mean), 0] = 0.0
-        total = np.einsum("kec,ck,kfc->kef", transfer, power, transfer.conj()) + noise
-        if problem.has_free_offset:
-            total[0] = np.eye(len(total[0]))
-        if float(problem.scan.direction) < 0:  # pyright: ignore[reportOptionalMemberAccess]
-            total = total.conj()
-        inverse = np.linalg.inv(total)
-        logs = np.linalg.slogdet(total)[1]
-        weights = problem.line.n * half_spectrum_weights(problem.line.n)
-        if problem.has_free_offset:
-            inverse[0], logs[0] = 0.0, 0.0
-        return cls(inverse, float(weights @ logs) / 2, problem.line.n)
+def are_usual(problem: LineProblem) -> Bool[np.ndarray, "e n"]:
+    """The cells whose noise is that of the others, as they have as many samples."""
+    scale = problem.noise_scale
+    if scale is None:
+        return np.ones(problem.data.shape, bool)
+    return np.abs(np.asarray(scale, float) - 1) < UNUSUAL
 
-    def weigh(self, spectrum: Complex[np.ndarray, "*row e k"]) -> Complex[np.ndarray, "*row e k"]:
-        """C^-1 times spectra."""
-        return np.einsum("kef,...fk->...ek", self.inverse, spectrum)
 
-    def dot(self, one: np.ndarray, other: np.ndarray) -> Any:
-        """The inner products over all samples, (row, row) of spectra (row, e, k)."""
-        scaled = one.conj() * half_spectrum_weights(self.n)
-        return np.einsum("aek,bek->ab", scaled, other).real
-
-    def squares(
-        self, waves: Complex[np.ndarray, "decay k"], responses: Float[np.ndarray, "e place"]
-    ) -> Float[np.ndarray, "decay place"]:
-        """Q, the inner products with themselves of the signals of bursts of unit amplitude."""
-        power = np.abs(waves) ** 2 * half_spectrum_weights(self.n)
-        inner = np.einsum("tk,kef->tef", power, self.inverse, optimize=True).real
-        return np.einsum("ey,tef,fy->ty", responses, inner, responses, optimize=True)
-
-    def log_likelihood(self, data: Complex[np.ndarray, "e k"]) -> float:
-        """Log density of signals of this spectrum, but for a constant."""
-        square = self.dot(data[None], self.weigh(data)[None])[0, 0]
-        return -0.5 * float(square) - self.log_det
+def _without_average(film: Film) -> Film:
+    """The film without means over samples."""
+    effects = tuple(each for each in film.effects if not isinstance(each, SampleAverage))
+    return film if len(effects) == len(film.effects) else dataclasses.replace(film, effects=effects)

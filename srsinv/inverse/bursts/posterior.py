@@ -14,13 +14,16 @@ import numpy as np
 from jaxtyping import Complex, Float
 
 from ...grid import half_spectrum_weights
-from .model import BurstModel, Everything
+from .everything import Everything
+from .model import BurstModel
 
 BESIDE = 3  # samples on each side of the likeliest, which the first sample may be
 DECAYS, PLACES = 16, 64  # of the grid
 ZOOMS = ((0.1, 14.0), (0.02, 14.0), (0.0, 12.0), (0.0, 12.0))
 DRAWS, AGES = 2000, 16
-LEAST_LEFT = 1e-9  # of Q, beside other bursts
+BEYOND = 4.0  # in log decay, how far out of the range a likelier one is looked for
+MOST_GROWTH = 300.0  # decays in an interval: of more, a burst's size is not known at all
+LEAST_LEFT = 1e-9  # of Q, beside other bursts and missing samples
 
 
 class SizePrior(NamedTuple):
@@ -175,6 +178,22 @@ class OneBurst:
             grid = self._on(samples, box)
         return grid
 
+    def gain_out_of_range(self, burst: Burst) -> float:
+        """By how much the log likelihood is higher at decays next to the range than within it."""
+        decays, place = np.log(self.model.decay_s), burst.place_m
+        near = self.model.contact_m / PLACES
+        samples = burst.sample + np.arange(-1, 2)
+
+        def highest(low: float, high: float) -> float:
+            box = np.array([[low, high], [place - near, place + near]])
+            box[1] = np.clip(box[1], -self.model.contact_m / 2, self.model.contact_m / 2)
+            grid = self._on(samples, box)
+            return float(np.max(grid.along**2 / grid.square) / 2)
+
+        inside = highest(*decays)
+        outside = (decays[0] - BEYOND, decays[0]), (decays[1], decays[1] + BEYOND)
+        return max(highest(*ends) for ends in outside) - inside
+
     def _on(self, samples: np.ndarray, box: Float[np.ndarray, "2 2"]) -> Grid:
         """The posterior on the cells of a box of log decays and places."""
         model, decays = self.model, np.log(self.model.decay_s)
@@ -182,12 +201,14 @@ class OneBurst:
         waves, responses = model.decaying(np.exp(log_decay)), model.responses(place)
         along = self._along(waves, samples, self.weighed[None])[0] @ responses
         square = whole = self.rest.squares(waves, responses)[None]
+        if self.rest.taken is not None:
+            square = whole - self.rest.taken.squares(waves, samples, responses)
         if self.others is not None:
             each = self._along(waves, samples, self.others.weighed)
             each = np.einsum("cmte,ey->cmty", each, responses, optimize=True)
             taken = np.einsum("cmty,cd->dmty", each, self.others.covariance, optimize=True)
             square = square - np.sum(taken * each, axis=0)
-        # What others leave of it is a difference, which rounding must not make nothing.
+        # What is left of it is a difference, which rounding must not make nothing.
         square = np.maximum(square, LEAST_LEFT * whole + np.finfo(float).tiny)
         left = model.left(np.exp(log_decay))[None, :, None]
         ratio = self.prior.log_ratio(along, square, left)
@@ -247,7 +268,8 @@ class OneBurst:
         place = grid.place_m[y] + along_y * grid.step[1] * model.contact_m
         # The age in the first sample, by how likely the size is that it would have.
         age = _middles((0.0, 1.0), AGES)
-        grown = np.exp(model.interval_s / decay[:, None] * age)
+        growth = np.minimum(model.interval_s / decay, MOST_GROWTH)
+        grown = np.exp(growth[:, None] * age)
         scaled = (amplitude / self.prior.rms_Pa[rms])[:, None] * grown
         log = np.log(grown) - 0.5 * scaled**2
         weights = np.exp(log - log.max(axis=1, keepdims=True))
@@ -255,7 +277,7 @@ class OneBurst:
         at = np.sum(total < (rng.random(DRAWS) * total[:, -1])[:, None], axis=1)
         aged = age[at] + (rng.random(DRAWS) - 0.5) / AGES
         time = (grid.samples[m] - aged) * model.interval_s
-        size = amplitude * np.exp(model.interval_s / decay * aged)
+        size = amplitude * np.exp(growth * aged)
         return Draws(time, place, size, decay)
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy import special, stats
 
-from .model import BurstModel, Everything
+from .everything import Everything
+from .model import BurstModel
 from .posterior import Grid, SizePrior
 
 LOUD = 5.0  # a true d' above which bursts are counted
@@ -64,7 +65,7 @@ def burst_rate(
     - `surest`: everything else at the level of the traction under which fewer bursts are found;
       `grids`: the posterior of each burst under it.
     """
-    rms, seconds = _rms_grid(model, rest), model.n * model.interval_s
+    rms, seconds = _rms_grid(model, rest), model.seconds
     decays = np.array([each.likeliest_decay_s for each in grids]) if grids else model.decays(5)
     left = model.left(decays)[:, None]
     loud, sure = (squares(model, of, decays) * left**2 for of in (rest, surest))

@@ -8,10 +8,13 @@ is louder in places than a stationary traction, so that a claim must hold as wel
 traction's power is `LOUDER` times as high: it is then left out of what bursts are found by.
 """
 
+from functools import cached_property
+
 import numpy as np
 from jaxtyping import Complex
 
-from .model import BurstModel, Everything
+from .everything import Everything
+from .model import BurstModel
 from .posterior import BESIDE, Burst, Grid, OneBurst, Others, SizePrior
 
 FALSE_CLAIMS = 0.02  # of passes without bursts, at most
@@ -21,6 +24,7 @@ AWAY = 20  # samples between bursts that are claimed in one round
 CROWD = (
     4  # bursts near each other, at most: more are no bursts, but what the traction's model misses
 )
+MISSED = 2.0  # chi-square per sample that a crowd leaves where the model is wrong; 1.2 of real ones
 ROUNDS, SWEEPS = 20, 2
 DECAYS, PLACES = 6, 41  # of the scan
 FAINT = 1e-9  # of the largest square: a place that no element responds to gives nothing
@@ -42,9 +46,12 @@ class BurstSearch:
         self.model, self.rests, self.prior, self.data = model, rests, prior, data
 
     def run(self, bursts: list[Burst]) -> list[Burst]:
-        """All bursts that are claimed, from some that are known already."""
+        """All bursts that are claimed, from some that are known already; ended at once where they
+        are errors of the model."""
         bursts = self.refined(bursts, range(len(bursts)))
         for _ in range(ROUNDS):
+            if self.are_model_errors(bursts):
+                return bursts
             added = self._claimed(bursts)
             if not added:
                 break
@@ -64,6 +71,12 @@ class BurstSearch:
                 bursts[j] = one.likeliest(one.around(bursts[j].sample))
             which = [j for j in which if len(_near(self.model.n, bursts, j)) > 1]
         return bursts if self._left(bursts) <= self._left(given) else given
+
+    def are_model_errors(self, bursts: list[Burst]) -> bool:
+        """Whether bursts crowd at one place and leave far more than the noise, as they do where the
+        model of the traction is wrong."""
+        elements, n = self.data.shape[0], self.model.seconds / self.model.interval_s
+        return crowded(self.model.n, bursts) and self._left(bursts) > MISSED * elements * n
 
     def _left(self, bursts: list[Burst]) -> float:
         """Chi-square of the signals less these bursts."""
@@ -91,7 +104,7 @@ class BurstSearch:
         """Further bursts, far enough from each other."""
         data, n = self.without(bursts), self.model.n
         least = np.log(n / FALSE_CLAIMS / (2 * BESIDE + 1)) - 0.5
-        heights = np.minimum(*(self._heights(rest, data) for rest in self.rests))
+        heights = np.minimum(*(self._heights(level, data) for level in (0, 1)))
         added: list[Burst] = []
         for sample in np.argsort(heights)[::-1].tolist():
             if heights[sample] < least:  # or looked at with a neighbour
@@ -125,19 +138,33 @@ class BurstSearch:
         """Log of the averaged likelihood ratio, samples of equal odds."""
         return grid.log_evidence - float(np.log(self.model.n))
 
-    def _heights(self, rest: Everything, data: np.ndarray) -> np.ndarray:
+    def _heights(self, level: int, data: np.ndarray) -> np.ndarray:
         """d'^2/2 of a burst in every sample, the greatest over places and decays."""
-        model = self.model
-        decays = model.decays(DECAYS)
-        waves = model.decaying(decays)
-        responses = model.responses(np.linspace(-0.5, 0.5, PLACES) * model.contact_m)
-        squares = rest.squares(waves, responses)
+        model, rest = self.model, self.rests[level]
+        waves, responses, squares = self._scan[level]
         weighed, highest = rest.weigh(data), np.zeros(model.n)
         for wave, square in zip(waves, squares, strict=True):
             along = responses.T @ np.fft.irfft(wave.conj() * weighed, model.n)
-            over = np.maximum(square, FAINT * square.max())[:, None]
-            highest = np.maximum(highest, np.max(along**2 / over, axis=0) / 2)
+            highest = np.maximum(highest, np.max(along**2 / square, axis=0) / 2)
         return highest
+
+    @cached_property
+    def _scan(self) -> list[tuple[np.ndarray, np.ndarray, list[np.ndarray]]]:
+        """At each level the decays and the responses that a scan tries, and Q of each decay,
+        (place, n) or (place, 1)."""
+        model = self.model
+        waves = model.decaying(model.decays(DECAYS))
+        responses = model.responses(np.linspace(-0.5, 0.5, PLACES) * model.contact_m)
+        found = []
+        for rest in self.rests:
+            squares = []
+            for wave, square in zip(waves, rest.squares(waves, responses), strict=True):
+                own = square[:, None]
+                if rest.taken is not None:
+                    own = own - rest.taken.every_square(wave, responses)
+                squares.append(np.maximum(own, FAINT * square.max()))
+            found.append((waves, responses, squares))
+        return found
 
 
 def crowded(n: int, bursts: list[Burst]) -> bool:
