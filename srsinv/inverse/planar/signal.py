@@ -183,10 +183,16 @@ class PlanarSignal(eqx.Module):
         """The derivative of the signals over each element's noise by the parameters in the order of
         `feature.names`."""
 
-        def signal(row: Float[Array, " m"]) -> Float[Array, "e sample"]:
-            return self(dict(zip(self.feature.names, row, strict=True)))
+        *others, load, shear = row
 
-        return jax.jacfwd(signal)(row) / noise_rms[:, None, None]
+        def units(others: Float[Array, " searched"]):
+            own = dict(zip(self.feature.names, others, strict=False))
+            both = self.unit(own)
+            return load * both[0] + shear * both[1], both
+
+        slopes, both = jax.jacfwd(units, has_aux=True)(jnp.stack(others))
+        each = jnp.concatenate([slopes, jnp.moveaxis(both, 0, -1)], axis=-1)
+        return each / noise_rms[:, None, None]
 
 
 def for_each_scan(one: Callable[[PathScan], Array], scans: Sequence[PathScan]) -> Array:
