@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from ...compiled import compiled
-from ...errors import number, refuse
+from ...errors import check_name, number, refuse
 from ...forward.planar import PathScan
 from ...grid import as_real
 from ..features.search import separated
@@ -41,7 +41,10 @@ class Direction:
     def posterior(
         self, names: Sequence[str]
     ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"]]:
-        """Values and covariance of the fitted parameters, in the order of `names`."""
+        """Values and covariance of the fitted parameters, in the order of `names`. Raises
+        `BadInput` for one that was not fitted."""
+        for name in names:
+            check_name("posterior", name, self.fit.names)
         at = [self.fit.names.index(name) for name in names]
         values = np.array([float(self.fit.value[name]) for name in names])
         return values, self.fit.covariance[np.ix_(at, at)]
@@ -54,10 +57,13 @@ class DirectionFinder:
     - `feature`: a [`RidgeShape`][] or a [`GratingShape`][].
     - `ranges`: `{name: (low, high)}` of `distance_m`, `width_m` or `pitch_m`, in place of those
       that follow from the paths and the films' depth.
-    - `priors`: `{name: (mean, standard deviation)}`, Gaussian, as [`srsinv.fit`][] takes them.
+    - `priors`: `{name: (mean, standard deviation)}`, Gaussian, as [`srsinv.fit`][] takes them. The
+      fit starts at the equivalent angle, by half turns, that is nearest to the prior's mean.
 
-    Computations that do not depend on the signal are done once. Raises `BadInput` for an invalid
-    range, and a readout whose offset is not known.
+    A grating's width over its pitch is taken as known, and a wrong one is not in the standard
+    errors: see [`GratingShape`][]. Computations that do not depend on the signal are done once.
+    Raises `BadInput` for an invalid range, a readout whose offset is not known, and scans of
+    different numbers of elements.
     """
 
     def __init__(
@@ -67,14 +73,11 @@ class DirectionFinder:
         ranges: Mapping[str, Range] | None = None,
         priors: Mapping[str, tuple[float, float]] | None = None,
     ):
-        scans = (scans,) if isinstance(scans, PathScan) else tuple(scans)
-        sensor, self._priors = scans[0].sensor, priors
-        refuse(
-            sensor.amplifier.offset is None,
-            "The readout's offset is not known: give amplifier.offset, or amplifier=current.",
-        )
-        depth = float(sensor.depth_m)
+        scans = _checked((scans,) if isinstance(scans, PathScan) else tuple(scans))
+        depth, self._priors = float(scans[0].sensor.depth_m), priors
         self._reach = max(scan.path.reach_m for scan in scans)
+        for name in ranges or {}:
+            check_name("ranges", name, feature.names[1 : -len(LINEAR)])  # the lengths
         given = {name: _range(name, each) for name, each in (ranges or {}).items()}
         self._ranges = feature.ranges(self._reach, depth) | given
         self.signal = PlanarSignal(feature, scans)
@@ -100,7 +103,8 @@ class DirectionFinder:
         """Fit the feature to `y`, the samples of one path after those of the other.
 
         `noise_rms`: of all elements, of each (e, 1), or of each sample, infinite where one is left
-        out; None: the same in all, its level from the residual.
+        out; None: the same in all, its level from the residual. Raises `BadInput` for other shapes
+        and for noise that is not above 0.
         """
         y, scans = np.asarray(y, float), self.signal.scans
         shape = len(scans[0].sensor.elements), sum(scan.path.samples for scan in scans)
@@ -109,7 +113,7 @@ class DirectionFinder:
             f"The signal has the shape {y.shape}: give (element, sample) as the sensor and the "
             f"circle have them, {shape}.",
         )
-        rms = np.broadcast_to(1.0 if noise_rms is None else noise_rms, shape)
+        rms = _noise(1.0 if noise_rms is None else noise_rms, shape)
         fitted = self._fitted(y, None if noise_rms is None else rms, self._starts(y, rms))
         signal = self.signal(jax.tree.map(as_real, fitted.value))
         return Direction(_canonical(fitted), fitted, np.asarray(signal))
@@ -146,7 +150,7 @@ class DirectionFinder:
         amplitudes = np.linalg.solve(gram, projections[..., None])[..., 0]
         explained = np.sum(projections * amplitudes, axis=-1)
         feature, tried = self.signal.feature, list(self._trials.values())
-        return [
+        starts = [
             feature.start(
                 {name: float(each[at]) for name, each in self._trials.items()},
                 amplitudes[at],
@@ -154,6 +158,19 @@ class DirectionFinder:
             )
             for at in separated(tried, explained)
         ]
+        return [self._beside_prior(start) for start in starts]
+
+    def _beside_prior(self, start: dict[str, float]) -> dict[str, float]:
+        """The same feature at the equivalent angle that is nearest to the prior's mean."""
+        mean, _ = (self._priors or {}).get("angle_deg", (90.0, None))
+        half_turns = np.round((float(mean) - start["angle_deg"]) / 180)
+        distance = start["distance_m"] * (-1.0 if half_turns % 2 else 1.0)
+        low, high = self._ranges.get("distance_m", (-np.inf, np.inf))
+        if not low <= distance <= high:
+            return start
+        return start | {
+            "angle_deg": start["angle_deg"] + 180.0 * float(half_turns), "distance_m": distance
+        }  # fmt: skip
 
     def _means(self, y: np.ndarray) -> np.ndarray:
         """The means over the groups of samples that the search takes."""
@@ -165,8 +182,37 @@ class DirectionFinder:
         return np.concatenate(means, axis=-1)
 
 
+def _checked(scans: Sequence[PathScan]) -> Sequence[PathScan]:
+    refuse(not scans, "There is no scan: give the sensor on one path at least.")
+    counts = {len(scan.sensor.elements) for scan in scans}
+    refuse(
+        len(counts) > 1,
+        f"The scans' sensors have {sorted(counts)} elements: give one sensor on each path.",
+    )
+    refuse(
+        any(scan.sensor.amplifier.offset is None for scan in scans),
+        "The readout's offset is not known: give amplifier.offset, or amplifier=current.",
+    )
+    return scans
+
+
+def _noise(given: Any, shape: tuple[int, int]) -> np.ndarray:
+    """The noise's rms of every sample; numbers of a row are those of samples, not of elements."""
+    rms = np.asarray(given, float)
+    fits = all(n in (1, wanted) for n, wanted in zip(rms.shape, shape, strict=False))
+    refuse(
+        rms.ndim not in (0, 2) or not fits,
+        f"The noise has the shape {rms.shape}: give one number, or one of each element, "
+        f"{(shape[0], 1)}, or of each sample, {shape}.",
+    )
+    refuse(not np.all(rms > 0), "The noise's rms is not above 0: give positive numbers.")
+    return np.broadcast_to(rms, shape)
+
+
 def _range(name: str, given: Range) -> Range:
-    low, high = (number(name, each, "two lengths in metres") for each in given)
+    wanted = "two lengths in metres"
+    refuse(np.shape(given) != (2,), f"{name} has the range {given!r}: give {wanted}.")
+    low, high = (number(name, each, wanted) for each in given)
     refuse(
         not low < high or (name != "distance_m" and low <= 0),
         f"{name} has the range [{low}, {high}]: give the lesser length first, and leave room "

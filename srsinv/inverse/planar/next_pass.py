@@ -134,19 +134,30 @@ def next_pass(
     - `noise_rms`: standard deviation of a sample's noise, of all elements or of each (e,).
     - `draws`: draws from the posterior; `seed`: of their quasi-random points.
 
-    Raises `BadInput` where the fit does not determine every parameter.
+    Raises `BadInput` where the fit does not determine every parameter or is of another feature, and
+    for noise that is not above 0 or not of every element.
     """
     limits = PassLimits() if limits is None else limits
     draws = whole("draws", draws, "a whole number from 1", least=1)
+    seed = whole("seed", seed, "a whole number from 0", least=0)
+    rms, elements = np.asarray(noise_rms, float), len(sensor.elements)
+    refuse(
+        rms.shape not in ((), (elements,)),
+        f"noise_rms has the shape {rms.shape}: give one number, or one of each of {elements} "
+        "elements.",
+    )
+    refuse(
+        not np.all((rms > 0) & np.isfinite(rms)),
+        f"noise_rms is {noise_rms}: give finite numbers above 0.",
+    )
     mean, covariance = found.posterior(feature.names)
     root = _root(covariance)
     rows = mean + _normal(draws, mean.size, seed) @ root.T
     lengths = [name in ("width_m", "pitch_m") for name in feature.names]
     rows[:, lengths] = np.maximum(rows[:, lengths], LEAST * np.abs(mean[lengths]))
-    rms = np.broadcast_to(noise_rms, len(sensor.elements))
     cell = cell_m("ridge_search", float(sensor.depth_m))
     size = limits.path(0.0, limits.greatest_speed_m_per_s).group_size(cell)
-    arrays = as_real(rows), as_real(root), as_real(rms)
+    arrays = as_real(rows), as_real(root), as_real(np.broadcast_to(rms, elements))
     gain = ExpectedGain(sensor, feature, limits, *arrays, size)
     low, high = np.log([limits.least_speed_m_per_s, limits.greatest_speed_m_per_s])
     headings = np.pi * np.arange(HEADINGS) / HEADINGS
