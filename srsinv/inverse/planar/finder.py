@@ -60,10 +60,11 @@ class DirectionFinder:
     - `priors`: `{name: (mean, standard deviation)}`, Gaussian, as [`srsinv.fit`][] takes them. The
       fit starts at the equivalent angle, by half turns, that is nearest to the prior's mean.
 
-    A grating's width over its pitch is taken as known, and a wrong one is not in the standard
-    errors: see [`GratingShape`][]. Computations that do not depend on the signal are done once.
-    Raises `BadInput` for an invalid range, a readout whose offset is not known, and scans of
-    different numbers of elements.
+    The feature has to be there: from noise alone a direction is found, too. A grating's width over
+    its pitch is taken as known, and a wrong one is not in the standard errors: see
+    [`GratingShape`][]. Computations that do not depend on the signal are done once. Raises
+    `BadInput` for an invalid range, a readout whose offset is not known, and scans of different
+    numbers of elements.
     """
 
     def __init__(
@@ -98,7 +99,7 @@ class DirectionFinder:
     def __call__(
         self,
         y: Float[np.ndarray, "e sample"],
-        noise_rms: float | Float[np.ndarray, "#e #sample"] | None = None,
+        noise_rms: float | Float[np.ndarray, "..."] | None = None,
     ) -> Direction:
         """Fit the feature to `y`, the samples of one path after those of the other.
 
@@ -182,7 +183,7 @@ class DirectionFinder:
         return np.concatenate(means, axis=-1)
 
 
-def _checked(scans: Sequence[PathScan]) -> Sequence[PathScan]:
+def _checked(scans: tuple[PathScan, ...]) -> tuple[PathScan, ...]:
     refuse(not scans, "There is no scan: give the sensor on one path at least.")
     counts = {len(scan.sensor.elements) for scan in scans}
     refuse(

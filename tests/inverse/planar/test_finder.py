@@ -54,6 +54,5 @@ def test_refused():
     one = PathScan(Sensor(SENSOR.elements[:1]), SCAN.path)
     refused(lambda: DirectionFinder((), RidgeShape()), "no scan")
     refused(lambda: DirectionFinder((SCAN, one), RidgeShape()), "[1, 2] elements")
-    wrong, three = {"width": (1e-4, 1e-3)}, {"width_m": (1e-4, 1e-3, 2e-3)}
+    wrong = {"width": (1e-4, 1e-3)}
     refused(lambda: DirectionFinder(SCAN, RidgeShape(), wrong), "'width'", "width_m")
-    refused(lambda: DirectionFinder(SCAN, RidgeShape(), three), "two lengths")  # pyright: ignore[reportArgumentType]
