@@ -52,7 +52,7 @@ def run(cfg: config.Config) -> Result:
             noise = 10 ** (-snr / 20) * rms[:, None, None]
             signals = clean + noise * rng.normal(size=clean.shape)
             directions = [finder(signal) for signal in signals]
-        bound = angle_bounds_deg(circling, ridges[0], jnp.deg2rad(BOUND_DEG), snr)
+        bound = angle_bounds_deg(circling, settings["ridge"], BOUND_DEG, snr)
         gains = _gains(sensor, config.scan(cfg), settings["ridge"], tried)
 
     data = dataset(

@@ -1,33 +1,35 @@
 """The Cramer-Rao bound of a ridge's direction on a circle."""
 
-import jax
-import jax.numpy as jnp
-from jaxtyping import Array, Float
+from collections.abc import Mapping
 
-from srsinv.compiled import compiled
-from srsinv.forward.planar import ObliqueRidge, PathScan, RidgeLoad
+import numpy as np
+from jaxtyping import Float
+
+from srsinv.forward.planar import PathScan
+from srsinv.grid import as_real
+from srsinv.inverse.planar.signal import PlanarSignal, RidgeShape, information, standard_errors
 
 
-@compiled
 def angle_bounds_deg(
-    circling: PathScan, ridge: ObliqueRidge, angles_rad: Float[Array, " angle"], snr_dB: float
-) -> Float[Array, " angle"]:
-    """The Cramer-Rao bound [deg] on the standard error of a ridge's angle, at each of
-    `angles_rad`: all five parameters unknown, white noise `snr_dB` below the rms signal."""
-    others = (ridge.load_N_per_m, ridge.friction * ridge.load_N_per_m, ridge.width_m)
+    circling: PathScan,
+    ridge: Mapping[str, float],
+    angles_deg: Float[np.ndarray, " angle"],
+    snr_dB: float,
+) -> Float[np.ndarray, " angle"]:
+    """The Cramer-Rao bound [deg] on the standard error of a ridge's angle, at each of `angles_deg`:
+    all five parameters unknown, white noise `snr_dB` below the rms signal.
 
-    def signal(values):
-        load, shear, width, distance, angle = values
-        by_load, by_shear = circling.unit(angle, RidgeLoad(distance, width))
-        return jnp.ravel(load * by_load + shear * by_shear)
+    `ridge`: its `distance_m`, `width_m`, `load_N_per_m` and `friction`.
+    """
+    signal, load = PlanarSignal(RidgeShape(), (circling,)), ridge["load_N_per_m"]
+    others = ridge["distance_m"], ridge["width_m"], load, load * ridge["friction"]
+    unit = np.ones(len(circling.sensor.elements))
 
-    def bound(angle):
-        truth = jnp.stack([*others, ridge.distance_m, angle])
-        slopes = jax.jacfwd(signal)(truth)
-        # Scaled: loads are in N/m, widths in metres.
-        size = jnp.linalg.norm(slopes, axis=0)
-        triangle = jnp.linalg.qr(slopes / size, mode="r")
-        rms = jnp.sqrt(jnp.mean(signal(truth) ** 2)) * 10 ** (-snr_dB / 20)
-        return jnp.rad2deg(rms / (jnp.abs(triangle[-1, -1]) * size[-1]))
+    def bound(angle_deg: float) -> float:
+        row = as_real(np.array([angle_deg, *others]))
+        clean = np.asarray(signal(dict(zip(RidgeShape.names, row, strict=True))))
+        rms = 10 ** (-snr_dB / 20) * np.sqrt(np.mean(clean**2))
+        known = np.asarray(information(signal, row, as_real(unit)))
+        return float(rms * standard_errors(known.sum(axis=0))[0])
 
-    return jax.lax.map(bound, jnp.asarray(angles_rad))
+    return np.array([bound(angle) for angle in angles_deg])

@@ -15,6 +15,7 @@ from jaxtyping import Float
 from srsinv.errors import choice, echo, number_range, refuse
 from srsinv.forward.film import MOST_OFFSET_M, Film, StripAverage
 from srsinv.forward.sensor import Sensor
+from srsinv.forward.turned_skin import is_of_strip
 
 FIELDS = {"depth": "depth_m", "width": "width_m", "angle": "angle_rad", "offset": "offset_m"}
 CELLS_IN_DEPTH = 2  # cells in the depth of the shallowest film, at least
@@ -130,7 +131,7 @@ def changed(film: Film, fields: Mapping[str, Any]) -> Film:
     """The film with other fields, averaging over its own width if it did over its width before."""
     film = dataclasses.replace(film, **fields)
     average = StripAverage.at_depth(film.width_m, film.depth_m)
-    effects = tuple(average if isinstance(each, StripAverage) else each for each in film.effects)
+    effects = tuple(average if is_of_strip(each) else each for each in film.effects)
     return dataclasses.replace(film, effects=effects)
 
 

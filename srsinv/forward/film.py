@@ -147,7 +147,7 @@ class StripAverage(LineEffect):
         return self.width_m / 2
 
     def scaled(self, factor: Scalar) -> "StripAverage":
-        return StripAverage(factor * self.width_m, self.nodes, self.panels)
+        return dataclasses.replace(self, width_m=factor * self.width_m)
 
     def quadrature(self, nodes: int) -> tuple[Float[Array, " node"], Float[Array, " node"]]:
         at, weights = np.polynomial.legendre.leggauss(nodes)

@@ -31,7 +31,7 @@ NODES = 10  # of Gauss's rule: enough for widths up to 2 depths, to 1e-7
 LEAST_DEPTHS = 1e-6  # least projected length of a strip, for one of zero: right to its square
 HARMONICS = 8  # of a grating: at a pitch of 6 depths e^(-k z) is 2e-4 at the last
 FAR_PITCHES = 1e4  # of the stretch that stands for the ridges beyond a row, in its half length
-Charges = Float[Array, "6 sample"]
+Charges = Float[Array, "3 sample"]
 
 
 class Crossing(NamedTuple):
@@ -55,8 +55,8 @@ class PlanarPath(eqx.Module):
 
     @property
     @abc.abstractmethod
-    def curvature_per_m(self) -> Scalar:
-        """Curvature, positive to the left."""
+    def curvature_per_m(self) -> Scalar | None:
+        """Curvature, positive to the left; None for a straight path."""
 
     @property
     @abc.abstractmethod
@@ -183,8 +183,8 @@ class StraightPass(PlanarPath):
         return self.duration_s / self.samples
 
     @property
-    def curvature_per_m(self) -> Scalar:
-        return 0.0
+    def curvature_per_m(self) -> None:
+        return None
 
     @property
     def way_m(self) -> Float[Array, " sample"]:
@@ -225,10 +225,15 @@ class PlanarLoad(eqx.Module):
 
     @abc.abstractmethod
     def charges(
-        self, skin: Skin, film: Film, own_rad: Float[Array, ""], place_m: Float[Array, " sample"]
+        self,
+        skin: Skin,
+        film: Film,
+        own_rad: Float[Array, ""],
+        place_m: Float[Array, " sample"],
+        order: int,
     ) -> Charges:
         """Charge [C] at these places along the feature's normal under 1 N/m of p, of shear across
-        and of shear along the feature; then the slopes [C/m] of the three.
+        and of shear along the feature; where `order` is 1 its slope [C/m] along the normal.
 
         The normal makes `own_rad` with the width of the film's strip, whose effects are those along
         the normal but for that of its length.
@@ -246,15 +251,14 @@ class RidgeLoad(PlanarLoad):
     width_m: Float[Array, ""]
     nodes: int = eqx.field(static=True, default=NODES)
 
-    def charges(self, skin, film, own_rad, place_m) -> Charges:
+    def charges(self, skin, film, own_rad, place_m, order) -> Charges:
         shifts, fractions = _spots(film, self.width_m, self.nodes)
         least, xi = LEAST_DEPTHS * film.depth_m, place_m - self.distance_m
         reach = jnp.sqrt((film.length_m * jnp.sin(own_rad)) ** 2 + least**2)
         at = jnp.ravel(shifts[:, None] + xi[None]), film.depth_m, reach
-        turned = TurnedSkin(skin, own_rad)
-        stress = jnp.concatenate([turned.response_to_each(*at), turned.slope_to_each(*at)], 1)
-        charge = jnp.tensordot(film.charge_per_stress() / reach, stress, 1)
-        return jnp.tensordot(fractions, charge.reshape(6, shifts.size, xi.size), ((0,), (1,)))
+        weights = film.charge_per_stress() / reach
+        charge = TurnedSkin(skin, own_rad).strip_to_each(weights, *at, order)
+        return jnp.tensordot(fractions, charge.reshape(3, shifts.size, xi.size), ((0,), (1,)))
 
 
 class GratingLoad(PlanarLoad):
@@ -266,15 +270,14 @@ class GratingLoad(PlanarLoad):
     width_m: Float[Array, ""]
     harmonics: int = eqx.field(static=True, default=HARMONICS)
 
-    def charges(self, skin, film, own_rad, place_m) -> Charges:
+    def charges(self, skin, film, own_rad, place_m, order) -> Charges:
         k = 2 * jnp.pi / self.pitch_m * np.arange(self.harmonics + 1)
         load = sinc(k * self.width_m / 2) * np.append(1.0, 2 * np.ones(self.harmonics))
-        stress = TurnedSkin(skin, own_rad).transfer_to_each(k, film.depth_m)
-        charge = jnp.tensordot(film.charge_per_stress(), stress, 1) * load[None] / self.pitch_m
-        charge = with_length(film, own_rad).along_line(charge, k)
-        both = jnp.concatenate([charge, 1j * k[None] * charge])
+        turned, weights = TurnedSkin(skin, own_rad), film.charge_per_stress() / self.pitch_m
+        charge = turned.transfer_to_each(weights, k, film.depth_m) * load[None]
+        charge = with_length(film, own_rad).along_line(charge, k) * (1j * k[None]) ** order
         phase = k[:, None] * (place_m - self.distance_m)[None]
-        return both.real @ jnp.cos(phase) - both.imag @ jnp.sin(phase)
+        return charge.real @ jnp.cos(phase) - charge.imag @ jnp.sin(phase)
 
 
 class RidgeRow(PlanarLoad):
@@ -286,27 +289,26 @@ class RidgeRow(PlanarLoad):
     width_m: Float[Array, ""]
     ridges: int = eqx.field(static=True)
 
-    def charges(self, skin, film, own_rad, place_m) -> Charges:
+    def charges(self, skin, film, own_rad, place_m, order) -> Charges:
         def one(shift_m: Float[Array, ""]) -> Charges:
             ridge = RidgeLoad(self.distance_m + shift_m, self.width_m)
-            return ridge.charges(skin, film, own_rad, place_m)
+            return ridge.charges(skin, film, own_rad, place_m, order)
 
         shifts = self.pitch_m * (np.arange(self.ridges) - self.ridges // 2)
         near = jnp.sum(jax.lax.map(one, shifts), axis=0)
-        return near + self._far(skin, film, own_rad, place_m)
+        return near + self._far(TurnedSkin(skin, own_rad), film, place_m, order)
 
-    def _far(self, skin, film, own_rad, place_m) -> Charges:
+    def _far(self, turned: TurnedSkin, film: Film, place_m, order: int) -> Charges:
         """The charge under the mean load beyond the row's ends, at the film's middle."""
         half = self.pitch_m * (self.ridges / 2)
-        width, turned = FAR_PITCHES * half, TurnedSkin(skin, own_rad)
+        width = FAR_PITCHES * half
         centre = self.pitch_m * ((self.ridges - 1) / 2 - self.ridges // 2)
         weights, xi = film.charge_per_stress() / self.pitch_m, place_m - self.distance_m - centre
         xi = xi if film.is_at_origin else xi + film.offset_m
 
         def one(side: float) -> Charges:
             at = xi - side * (half + width / 2), film.depth_m, width
-            stress = jnp.concatenate([turned.response_to_each(*at), turned.slope_to_each(*at)], 1)
-            return jnp.tensordot(weights, stress, 1)
+            return turned.strip_to_each(weights, *at, order)
 
         return one(1.0) + one(-1.0)
 
@@ -403,16 +405,15 @@ class PathScan(eqx.Module):
         gain = amplifier.at_speed(jnp.broadcast_to(self.path.speed_m_per_s, place.shape))
 
         def one(film: Film, own_rad: Float[Array, ""]) -> Float[Array, "2 sample"]:
-            p, shear, lag, p_slope, shear_slope, lag_slope = feature.charges(
-                self.sensor.skin, film, own_rad, place
-            )
-            if not amplifier.order:
-                return gain[None] * jnp.stack([p, across * shear + along * lag])
-            # Along the path: d xi/ds = across, and the direction of motion turns by the curvature.
-            slope = jnp.stack([p_slope, across * shear_slope + along * lag_slope])
-            veer = curvature * (across * lag - along * shear)
-            rate = across[None] * slope + jnp.stack([jnp.zeros_like(veer), veer])
-            return gain[None] * rate
+            at = self.sensor.skin, film, own_rad, place
+            p, shear, lag = feature.charges(*at, amplifier.order)
+            each = jnp.stack([p, across * shear + along * lag])
+            if amplifier.order:
+                each = across[None] * each  # d xi/ds
+                if curvature is not None:  # with the path the direction of friction turns
+                    _, shear, lag = feature.charges(*at, 0)
+                    each = each.at[1].add(curvature * (across * lag - along * shear))
+            return gain[None] * each
 
         signal = _for_each(one, [_across(film, angle_rad) for film in self.sensor.elements])
         rows = signal.reshape(-1, place.size)

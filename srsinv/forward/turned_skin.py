@@ -79,33 +79,40 @@ class TurnedSkin(Skin):
     def strip_response(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "4 2 x"]:
-        return self._sliding(self.response_to_each(x, depth_m, width_m))
+        plane = self.skin.strip_response(x, depth_m, width_m)
+        antiplane = self.antiplane.strip_response(x, depth_m, width_m)
+        return self._sliding(self._in_frame(plane, antiplane))
 
     def strip_slope(
         self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
     ) -> Float[Array, "4 2 x"]:
-        return self._sliding(self.slope_to_each(x, depth_m, width_m))
+        plane = self.skin.strip_slope(x, depth_m, width_m)
+        antiplane = self.antiplane.strip_slope(x, depth_m, width_m)
+        return self._sliding(self._in_frame(plane, antiplane))
 
     def transfer_to_each(
-        self, k: Float[Array, " k"], depth_m: Float[Array, ""]
-    ) -> Complex[Array, "4 3 k"]:
-        """As [`transfer`][], for p, shear along xi and shear along eta separately."""
+        self, weights: Float[Array, "4"], k: Float[Array, " k"], depth_m: Float[Array, ""]
+    ) -> Complex[Array, "3 k"]:
+        """The sum of stress in the axes' frame times `weights` under unit traction exp(ikx): p,
+        shear along xi and shear along eta separately."""
         plane = self.skin.transfer(k, depth_m)
-        return self._in_frame(plane, self.antiplane.transfer(k, depth_m))
+        return self._weighed(weights, plane, self.antiplane.transfer(k, depth_m))
 
-    def response_to_each(
-        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
-    ) -> Float[Array, "4 3 x"]:
-        """As [`strip_response`][], for p, shear along xi and shear along eta separately."""
-        plane = self.skin.strip_response(x, depth_m, width_m)
-        return self._in_frame(plane, self.antiplane.strip_response(x, depth_m, width_m))
-
-    def slope_to_each(
-        self, x: Float[Array, " x"], depth_m: Float[Array, ""], width_m: Float[Array, ""]
-    ) -> Float[Array, "4 3 x"]:
-        """d/dx of [`response_to_each`][], in 1/m."""
-        plane = self.skin.strip_slope(x, depth_m, width_m)
-        return self._in_frame(plane, self.antiplane.strip_slope(x, depth_m, width_m))
+    def strip_to_each(
+        self,
+        weights: Float[Array, "4"],
+        x: Float[Array, " x"],
+        depth_m: Float[Array, ""],
+        width_m: Float[Array, ""],
+        order: int,
+    ) -> Float[Array, "3 x"]:
+        """The same sum under a strip of unit traction; where `order` is 1 its slope, in 1/m."""
+        at = x, depth_m, width_m
+        if order:
+            plane, antiplane = self.skin.strip_slope(*at), self.antiplane.strip_slope(*at)
+        else:
+            plane, antiplane = self.skin.strip_response(*at), self.antiplane.strip_response(*at)
+        return self._weighed(weights, plane, antiplane)
 
     def _in_frame(self, plane, antiplane) -> Array:
         """Stress in the axes' frame (4, 3, ...) under p, q_xi and q_eta."""
@@ -117,6 +124,16 @@ class TurnedSkin(Skin):
         twist = 2 * s * c * antiplane[0]
         across = jnp.stack([-twist, jnp.zeros_like(twist), -s * antiplane[1], twist])
         return jnp.concatenate([along, across[:, None]], axis=1)
+
+    def _weighed(self, weights, plane, antiplane) -> Array:
+        """The stress in the axes' frame under p, q_xi and q_eta times `weights`, (3, ...): in one
+        sum, as the frame's twelve rows would take most of a program's time and memory."""
+        c, s = cosine(self.angle_rad), jnp.sin(self.angle_rad)
+        x, z, x_z, y = weights
+        rows = c**2 * x + s**2 * y, z, c * x_z, s**2 * x + c**2 * y
+        along = sum(weight * row for weight, row in zip(rows, plane, strict=True))
+        across = 2 * s * c * (y - x) * antiplane[0] - s * x_z * antiplane[1]
+        return jnp.concatenate([along, across[None]])
 
     def _sliding(self, each) -> Array:
         """Response to p, and to shear along cos(phi) xi - sin(phi) eta, the sliding direction."""

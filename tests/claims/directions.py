@@ -3,6 +3,7 @@
 - `circle`: 200 ridges and 200 gratings of random direction in one fingertip, each found from one
   circle in Johnson noise: the error of the angle over its Cramer-Rao bound, and how often the
   intervals of its standard errors cover it.
+- `share`: 100 gratings whose ridges are another share of a pitch wide than the fits take.
 - `passes`: ten features that one pass detected, and three more passes: proposed ones, or headings
   of 0, 90 and 45 degrees at 0.05 m/s and at the greatest speed allowed. Each twice.
 """
@@ -17,6 +18,7 @@ from experiments.directions.scenes import (
     RANGES,
     SHAPES,
     SPEED,
+    WIDTH_SHARE,
     PassesOver,
     draw_feature,
     errors,
@@ -25,9 +27,15 @@ from experiments.directions.scenes import (
 from srsinv import config
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.planar import Circle, PathScan
+from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.planar.finder import DirectionFinder
 from srsinv.inverse.planar.next_pass import PassLimits
-from srsinv.inverse.planar.signal import PlanarSignal, information, standard_errors
+from srsinv.inverse.planar.signal import (
+    GratingShape,
+    PlanarSignal,
+    information,
+    standard_errors,
+)
 from srsinv.jobs.trials import Row
 from tests.claims.study import Study
 from tests.jobs.run import composed
@@ -36,6 +44,7 @@ DRAWS, CIRCLE = 200, {"radius_m": 8e-3, "speed_m_per_s": 0.05}
 SAMPLES, SCENES, TWICE = 192, 5, 2
 TIME_CONSTANT_S, LIMITS = 0.01, PassLimits(greatest_speed_m_per_s=0.15)
 MISSED = 5.0  # standard errors, beyond which a direction is missed
+SHARES, HARMONICS = (0.2, 0.25, WIDTH_SHARE, 0.35, 0.4), 24
 
 
 def sensor():
@@ -76,6 +85,36 @@ def circle(kind: str) -> Row:
 
 
 @jax.enable_x64(True)
+def wrong_share(share: float) -> Row:
+    """Directions of gratings by fits that take another width over the pitch; the signals have three
+    times the harmonics of the fits and twice the samples."""
+    rng, path = np.random.default_rng(5), Circle(samples=SAMPLES, **CIRCLE)
+    device, twice = sensor(), Circle(samples=2 * SAMPLES, **CIRCLE)
+    signal = PlanarSignal(GratingShape(share, HARMONICS), (PathScan(device, twice),))
+    ranges = {"pitch_m": RANGES["grating"]["pitch_m"]}
+    finder = DirectionFinder(PathScan(device, path), SHAPES["grating"], ranges)
+    rms = noise_rms(path)
+    found_errors, stderrs, doubtful = [], [], 0
+    for _ in range(DRAWS // 2):
+        drawn = draw_feature("grating", rng, 4e-3)
+        params = zip(GratingShape.names, jax.numpy.asarray(drawn.truth), strict=True)
+        clean = np.asarray(signal(dict(params)))[:, ::2]
+        found = finder(clean + rms * rng.standard_normal(clean.shape), rms)
+        found_errors.append(errors(drawn, found)[0])
+        stderrs.append(found.parameters["angle_deg"][1])
+        doubtful += found.fit.quality is not Quality.GOOD
+    pull = np.abs(np.divide(found_errors, stderrs))
+    return {
+        "median_error_deg": float(np.median(np.abs(found_errors))),
+        "median_stderr_deg": float(np.median(stderrs)),
+        "beyond_5_stderr": int(np.sum(pull > MISSED)),
+        "coverage_68": float(np.mean(pull < 1.0)),
+        "coverage_90": float(np.mean(pull < 1.645)),
+        "doubtful": doubtful,
+    }
+
+
+@jax.enable_x64(True)
 def passes(kind: str, scene: int, draw: int) -> Row:
     """Three more passes over one feature."""
     device = dataclasses.replace(sensor(), filters=(FirstOrder(TIME_CONSTANT_S),))
@@ -104,16 +143,16 @@ def passes(kind: str, scene: int, draw: int) -> Row:
 
 def measure(what: str, **labels: Any) -> Row:
     """One case."""
-    return circle(**labels) if what == "circle" else passes(**labels)
+    return {"circle": circle, "share": wrong_share, "passes": passes}[what](**labels)
 
 
 def cases() -> list[dict[str, Any]]:
-    """Both circles, and ten scenes twice."""
+    """Both circles, ten scenes twice, and gratings of several widths."""
     kinds = ("ridge", "grating")
     return [{"what": "circle", "kind": kind} for kind in kinds] + [
         {"what": "passes", "kind": kind, "scene": scene, "draw": draw}
         for kind in kinds for scene in range(SCENES) for draw in range(TWICE)
-    ]  # fmt: skip
+    ] + [{"what": "share", "share": share} for share in SHARES]  # fmt: skip
 
 
 def summary(rows: list[Row]) -> Row:
@@ -146,7 +185,10 @@ def summary(rows: list[Row]) -> Row:
     own = [row for row in rows if row["what"] == "circle"]
     circles = {row["kind"]: {k: v for k, v in row.items() if k not in ("what", "kind")}
                for row in own}  # fmt: skip
-    return {"circle": circles, "fixed": against("fixed"), "fixed_fast": against("fixed_fast")}
+    shares = {str(row["share"]): {k: v for k, v in row.items() if k not in ("what", "share")}
+              for row in rows if row["what"] == "share"}  # fmt: skip
+    return {"circle": circles, "share": shares, "fixed": against("fixed"),
+            "fixed_fast": against("fixed_fast")}  # fmt: skip
 
 
 STUDY = Study("directions", measure, cases, summary)

@@ -25,6 +25,7 @@ from ._search import Objective
 
 LEAST_DAMPING = 1e-14  # of columns of length one: the equations stay solvable
 MOST_ROUNDS = 20  # of linearisations: a search that needs more is left to that of a single fit
+ROUNDS_ALONE = 300  # the same of one of the data, as that search takes ten seconds to compile
 ROUNDING_FACTOR = 16  # roundings of the data within which a step is none
 LOOSEST = 1e-4  # a step, in units of the noise: a tenth of how far a converged search may be off
 
@@ -100,7 +101,8 @@ class Batch:
         trial, active = ends.z.copy(), np.arange(len(which))
         normal = np.zeros((len(which), trial.shape[1] + 1, trial.shape[1] + 1))
         predicted, eps = np.zeros(len(which)), np.finfo(ends.rows.white.dtype).eps
-        for count in range(1, min(self.max_steps, MOST_ROUNDS) + 1):
+        most = min(self.max_steps, MOST_ROUNDS if len(self.ys) > 1 else ROUNDS_ALONE)
+        for count in range(1, most + 1):
             at = self.linearised(which[active], trial[active])
             made = at.products
             with np.errstate(all="ignore"):

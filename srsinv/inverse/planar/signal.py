@@ -103,8 +103,11 @@ class GratingShape(StraightFeature):
     """Ridges at a pitch without end: `angle_deg`, `distance_m` of one of them, `pitch_m`, and load
     and shear of each ridge.
 
-    `width_share`: width of a ridge over the pitch, which is known: one or two harmonics reach the
-    film, and do not tell width from load.
+    `width_share`: width of a ridge over the pitch, which is taken as known. It scales the harmonics
+    that reach the film: one of them does not distinguish it from the load, with more a wrong one
+    biases the fit. The standard errors do not include that error, and the residual seldom shows it:
+    0.2 of a pitch in place of 0.3 leaves 54 of 100 directions within their 90 % intervals, where
+    the right one leaves 81 (docs/explanation/physics/oblique.md).
     """
 
     names = ("angle_deg", "distance_m", "pitch_m", *LINEAR)
@@ -183,10 +186,16 @@ class PlanarSignal(eqx.Module):
         """The derivative of the signals over each element's noise by the parameters in the order of
         `feature.names`."""
 
-        def signal(row: Float[Array, " m"]) -> Float[Array, "e sample"]:
-            return self(dict(zip(self.feature.names, row, strict=True)))
+        *others, load, shear = row
 
-        return jax.jacfwd(signal)(row) / noise_rms[:, None, None]
+        def units(others: Float[Array, " searched"]):
+            own = dict(zip(self.feature.names, others, strict=False))
+            both = self.unit(own)
+            return load * both[0] + shear * both[1], both
+
+        slopes, both = jax.jacfwd(units, has_aux=True)(jnp.stack(others))
+        each = jnp.concatenate([slopes, jnp.moveaxis(both, 0, -1)], axis=-1)
+        return each / noise_rms[:, None, None]
 
 
 def for_each_scan(one: Callable[[PathScan], Array], scans: Sequence[PathScan]) -> Array:

@@ -6,10 +6,11 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import numpy as np
 
-from ...forward.film import Film, LineEffect, Offset, StripAverage
+from ...forward.film import Film, LineEffect, Offset
 from ...forward.scan import Motion
 from ...forward.sensor import Sensor
 from ...forward.skin import HalfSpace
+from ...forward.turned_skin import is_of_strip
 
 # Of what is no part of the sensor, the field that a parameter is a factor on.
 FACTORS = {"speed": "speed", "nominal_pressure_Pa": "nominal_pressure"}
@@ -90,7 +91,7 @@ def _with_width_times(film: Film, factor: Any, keeps_area: bool) -> Film:
     """The film with another width of its strip, in its area and where it averages over it."""
 
     def wider(effect: LineEffect) -> LineEffect:
-        return effect.scaled(factor) if isinstance(effect, StripAverage) else effect
+        return effect.scaled(factor) if is_of_strip(effect) else effect
 
     film = eqx.tree_at(lambda f: f.width_m, film, film.width_m * factor)
     if keeps_area:

@@ -39,7 +39,7 @@ class KnownPosterior(Direction):
 
 @pytest.mark.full
 def test_gain_is_the_rise_of_the_log_determinant():
-    """By the Fisher information of the same pass, and its slope by differences."""
+    """By the Fisher information of the same pass."""
     arrays = as_real(ROW[None]), as_real(np.diag(STDERR)), as_real(np.full(2, RMS))
     gain = ExpectedGain(SENSOR, FEATURE, LIMITS, *arrays, 1)
     path = LIMITS.path(0.5, 0.05)
@@ -72,3 +72,7 @@ def test_refused():
     unknown = np.diag([np.inf, 1.0, 1.0, 1.0, 1.0])
     refused(lambda: next_pass(SENSOR, FEATURE, KnownPosterior(unknown), RMS, LIMITS), "priors")
     refused(lambda: PassLimits(0.1, 0.05), "lesser first")
+    known = KnownPosterior(np.diag(STDERR**2))
+    refused(lambda: next_pass(SENSOR, FEATURE, known, 0.0, LIMITS), "above 0")
+    refused(lambda: next_pass(SENSOR, FEATURE, known, np.ones(3), LIMITS), "(3,)")
+    refused(lambda: next_pass(SENSOR, FEATURE, known, RMS, LIMITS, seed=-1), "seed")

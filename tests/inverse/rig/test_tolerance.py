@@ -9,7 +9,7 @@ import pytest
 
 from srsinv.errors import BadInput
 from srsinv.forward.feature import StripFeature
-from srsinv.forward.film import Film
+from srsinv.forward.film import CellAverage, Film
 from srsinv.forward.scan import Motion
 from srsinv.forward.sensor import Sensor
 from srsinv.forward.traction import UniformStrip
@@ -127,6 +127,16 @@ def test_a_width_whose_gain_is_calibrated_changes_the_mean_over_the_strip_alone(
         own = SENSOR.elements[0]
         assert film.width_m * film.length_m == pytest.approx(area * own.width_m * own.length_m)
         assert film.effects[0].width_m == pytest.approx(1.05 * own.width_m)
+
+
+def test_a_strip_leaves_the_cell_that_it_is_recorded_in():
+    """10 % on the strip: the samples are still the means over the same cell."""
+    film = SENSOR.elements[0].with_effect(CellAverage.at_depth(1e-4, DEPTH_M))
+    made = Setup(Sensor([film])).changed("strip_width_1_m", film.width_m, 0.1 * film.width_m)
+    strip, cell = made.sensor.elements[0].effects
+    assert float(strip.width_m) == pytest.approx(1.1 * float(film.width_m))
+    assert float(cell.width_m) == pytest.approx(1e-4)
+    assert [each.scaled(2.0).acts_on_signal for each in (strip, cell)] == [False, True]
 
 
 def signal(setup: Setup) -> np.ndarray:
