@@ -27,7 +27,6 @@ from experiments.directions.scenes import (
 from srsinv import config
 from srsinv.forward.filter import FirstOrder
 from srsinv.forward.planar import Circle, PathScan
-from srsinv.inverse.diagnostics import Quality
 from srsinv.inverse.planar.finder import DirectionFinder
 from srsinv.inverse.planar.next_pass import PassLimits
 from srsinv.inverse.planar.signal import (
@@ -36,6 +35,7 @@ from srsinv.inverse.planar.signal import (
     information,
     standard_errors,
 )
+from srsinv.inverse.quality import Quality
 from srsinv.jobs.trials import Row
 from tests.claims.study import Study
 from tests.jobs.run import composed
