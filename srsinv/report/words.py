@@ -266,14 +266,19 @@ def _interval(values: Any, stderrs: Any, units: Any, half: float = BAND_90) -> A
 
 
 def _between(lows: Any, highs: Any, units: Any) -> Any:
-    """Each interval, in the units in which its upper end reads well: the lower one may be 0."""
-    return _row_by_row(lambda high, low, *unit: text.between(low, high, *unit), highs, lows, units)
+    """Each interval, in the units in which its larger end reads well: the other may be 0."""
+    ends = np.array(np.broadcast_arrays(lows, highs), float)
+    larger = np.abs(np.where(np.isfinite(ends), ends, 0.0)).max(0)
+    return _row_by_row(text.between, lows, highs, units, larger)
 
 
-def _row_by_row(write: Callable[..., str], values: Any, stderrs: Any, units: Any) -> Any:
+def _row_by_row(
+    write: Callable[..., str], values: Any, stderrs: Any, units: Any, like: Any = None
+) -> Any:
+    """`like`: what the units are chosen for; None: the values."""
     columns = np.broadcast_arrays(*map(np.asarray, (values, stderrs, units)))
     v, s, u = (np.ravel(each).tolist() for each in columns)
-    scales = text.units_for_rows(map(float, v), map(str, u))
+    scales = text.units_for_rows(map(float, v if like is None else _flat(like)), map(str, u))
     rows = zip(map(float, v), map(float, s), map(str, u), scales, strict=True)
     written = [write(*row) for row in rows]
     return np.array(written, object) if columns[0].ndim else written[0]
