@@ -140,10 +140,10 @@ class CylinderScan:
         return dict(zip(columns, (np.sqrt(np.diag(covariance)) / size).tolist(), strict=True))
 
     def _slope(self, name: str, step: float) -> np.ndarray:
-        above, below = (self._moved(name, sign * step).signal() for sign in (1, -1))
+        above, below = (self._changed(name, sign * step).signal() for sign in (1, -1))
         return (above - below) / (2 * step)
 
-    def _moved(self, name: str, by: float) -> "CylinderScan":
+    def _changed(self, name: str, by: float) -> "CylinderScan":
         if name != "sine_squared":
             return dataclasses.replace(self, **{name: getattr(self, name) + by})
         angle = np.degrees(np.arcsin(np.sqrt(self.sine_squared + by)))

@@ -19,7 +19,7 @@ from ..method import Method
 from .estimate import LOCATED, BurstEstimate, Found, FoundBursts
 from .everything import Columns, Everything
 from .model import BurstModel, are_usual, samples_in_a_cell
-from .posterior import Burst, Others
+from .posterior import Burst, OneBurst, Others, signals_of
 from .rate import burst_rate, first_sizes
 from .search import CROWD, LOUDER, BurstSearch, crowded
 
@@ -34,9 +34,11 @@ class BurstPass:
         assert problem.scan is not None
         self.problem, self.model, self.method = problem, model, method
         self.is_backward = float(problem.scan.direction) < 0
-        self._observed = self._in_time(problem.is_observed & are_usual(problem))
-        self.columns = Columns(self._observed, self._in_time(self._nuisance()))
-        self.columns.check()
+        self._stated = Columns(
+            self._in_time(problem.is_observed & are_usual(problem)), self._in_time(self._nuisance())
+        )
+        self._stated.check()
+        self.columns = self._stated
         self.data = np.fft.rfft(self._in_time(np.asarray(problem.data, float)))
         shared, elements = problem.shared_noise, len(problem.data)
         own = np.asarray(problem.noise if shared is None else shared.own, float)
@@ -63,11 +65,11 @@ class BurstPass:
 
     def _with_rig(self, prior: Prior, left: Complex[np.ndarray, "e k"]) -> Columns:
         """The columns, with what errors of the rig make of the traction's signals."""
-        columns = Columns(self._observed, self._in_time(self._nuisance()))
-        rest = Everything.of(self.problem, prior, self._noise(self.small_power), 1.0).over(columns)
+        noise, stated = self._noise(self.small_power), self._stated
+        rest = Everything.of(self.problem, prior, noise, 1.0).over(stated)
         traction = self._traction(rest, rest.weigh(left)[None])[0]
         own = self._in_time(np.asarray(self.problem.rig_signals(traction), float))
-        columns = columns._replace(signals=np.concatenate([columns.signals, own]))
+        columns = stated._replace(signals=np.concatenate([stated.signals, own]))
         columns.check()
         return columns
 
@@ -85,7 +87,7 @@ class BurstPass:
         is most likely; and the search under them."""
         known = len(bursts) > 0
         prior = self.method.prior_fixed_on(self._without(bursts))(self.problem)
-        left = self.data - sum((each.spectrum(self.model) for each in bursts), 0.0 * self.data)
+        left = self.data - signals_of(self.model, bursts)
         if self.problem.rig_changes is not None:
             self.columns = self._with_rig(prior, left)
         if known:
@@ -146,20 +148,24 @@ class BurstPass:
 
     def _signal(self, bursts: list[Burst]) -> Float[np.ndarray, "e n"]:
         """The signals of bursts along x."""
-        total = sum((each.spectrum(self.model) for each in bursts), 0.0 * self.data)
-        return self._in_time(np.fft.irfft(total, self.model.n))
+        return self._in_time(np.fft.irfft(signals_of(self.model, bursts), self.model.n))
 
     def without_claims(self) -> BurstEstimate:
         """The estimate where the model of the traction is wrong: no burst, and an unknown rate."""
         self.small_power = 0.0
-        none = dataclasses.replace(self.found([]), rate_hz=(np.nan,) * 4)
-        made = self.estimate([], none)
-        return dataclasses.replace(made, warnings=(*made.warnings, *_MISLED))
+        none = dataclasses.replace(self._found([], []), rate_hz=(np.nan,) * 4)
+        return self._estimate([], none, _MISLED)
 
-    def estimate(self, bursts: list[Burst], found: FoundBursts | None = None) -> BurstEstimate:
+    def estimate(self, bursts: list[Burst]) -> BurstEstimate:
         """The estimate with these bursts."""
         bursts = sorted(bursts, key=lambda each: each.sample)
-        found = self.found(bursts) if found is None else found
+        ones = [self.search.one(bursts, j) for j in range(len(bursts))]
+        return self._estimate(bursts, self._found(bursts, ones), _out_of_range(bursts, ones))
+
+    def _estimate(
+        self, bursts: list[Burst], found: FoundBursts, warnings: tuple[str, ...]
+    ) -> BurstEstimate:
+        """The estimate with these bursts, in the order of time, of which this was found."""
         problem = self._without(bursts)
         made = self.method(problem)
         if not isinstance(made, TractionEstimate):
@@ -167,7 +173,7 @@ class BurstPass:
                 f"{type(self.method).__name__} gives no traction with a covariance: give "
                 "method.bursts.method=srsinv.Wiener() or Tikhonov()."
             )
-        moved = self._moved(bursts)
+        moved = self._errors_by(bursts)
         own, sources = made.rig_errors, made.rig_sources
         stderr = made.stderr
         if moved is not None:
@@ -175,8 +181,7 @@ class BurstPass:
             own = moved if own is None else np.concatenate([np.asarray(own), moved])
             sources = (*sources, *("bursts",) * len(moved))
         lost = () if found.is_located.all() else _not_located(found)
-        lost = (*lost, *self._out_of_range(bursts))
-        lost = (*lost, *(_CROWDED if crowded(self.model.n, bursts) else ()))
+        lost = (*lost, *warnings, *(_CROWDED if crowded(self.model.n, bursts) else ()))
         fields = {f.name: getattr(made, f.name) for f in dataclasses.fields(TractionEstimate)}
         rate, stderr_hz, low, high = found.rate_hz
         return BurstEstimate(
@@ -204,11 +209,10 @@ class BurstPass:
             bursts=found,
         )
 
-    def found(self, bursts: list[Burst]) -> FoundBursts:
-        """The bursts with their uncertainty."""
+    def _found(self, bursts: list[Burst], ones: list[OneBurst]) -> FoundBursts:
+        """The bursts with their uncertainty, from the posterior of each."""
         draws, odds = [], []
-        for j, each in enumerate(bursts):
-            one = self.search.one(bursts, j)
+        for j, (each, one) in enumerate(zip(bursts, ones, strict=True)):
             grid = one.around(each.sample)
             made = one.draws(grid, j)
             draws.append(made._replace(time_s=self._time_s(made.time_s)))
@@ -224,19 +228,6 @@ class BurstPass:
             (rate.value_hz, rate.stderr_hz, rate.low_hz, rate.high_hz),
         )  # fmt: skip
 
-    def _out_of_range(self, bursts: list[Burst]) -> tuple[str, ...]:
-        """Warning on bursts whose decay is out of the range."""
-        ones = [self.search.one(bursts, j) for j in range(len(bursts))]
-        gains = [one.gain_out_of_range(each) for one, each in zip(ones, bursts, strict=True)]
-        count = sum(gain > STRONG for gain in gains)
-        if not count:
-            return ()
-        return (
-            f"{count} of {len(bursts)} bursts are likelier with a decay out of the range of "
-            "method.bursts.decay_s, so their sizes and decays are wrong. Give a wider range. Two "
-            "opposite bursts within three samples appear so, too.",
-        )
-
     def _time_s(self, time_s: np.ndarray) -> np.ndarray:
         """Draws of a time, from the recording's first sample."""
         model, whole_s = self.model, self.model.n * self.model.interval_s
@@ -249,7 +240,7 @@ class BurstPass:
         # A cell's time is that of its last sample.
         return time_s + (1 - 1 / samples_in_a_cell(self.problem.sensor)) * model.interval_s
 
-    def _moved(self, bursts: list[Burst]) -> Float[np.ndarray, "j c n"] | None:
+    def _errors_by(self, bursts: list[Burst]) -> Float[np.ndarray, "j c n"] | None:
         """Changes of the traction by errors of the bursts, in independent directions of these."""
         rest = self.search.rests[0]
         others = Others.of(self.model, rest, self.search.prior, bursts)
@@ -266,6 +257,19 @@ _MISLED = (
     "The model of the traction leaves more than the noise where bursts crowd at one place, so none "
     "is claimed, and their rate is unknown. Check what is stated, such as friction and the angles.",
 )
+
+
+def _out_of_range(bursts: list[Burst], ones: list[OneBurst]) -> tuple[str, ...]:
+    """Warning on bursts whose decay is out of the range."""
+    gains = [one.gain_out_of_range(each) for one, each in zip(ones, bursts, strict=True)]
+    count = sum(gain > STRONG for gain in gains)
+    if not count:
+        return ()
+    return (
+        f"{count} of {len(bursts)} bursts are likelier with a decay out of the range of "
+        "method.bursts.decay_s, so their sizes and decays are wrong. Give a wider range. Two "
+        "opposite bursts within three samples appear so, too.",
+    )
 
 
 def _not_located(found: FoundBursts) -> tuple[str, ...]:

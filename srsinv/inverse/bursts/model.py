@@ -32,9 +32,9 @@ PLACES = 401  # of the contact, at which responses are computed: a spline is bet
 class BurstModel:
     """What one burst gives, in the order of time.
 
-    - `interval_s`: between samples; `n`: number of samples; `seconds`: that were recorded;
-      `contact_m`: of places on the finger, about the sensor's origin; `decay_s`: shortest and
-      longest decay.
+    - `elements`: their number; `interval_s`: between samples; `n`: number of samples; `seconds`:
+      that were recorded; `contact_m`: of places on the finger, about the sensor's origin;
+      `decay_s`: shortest and longest decay.
     """
 
     def __init__(
@@ -43,7 +43,7 @@ class BurstModel:
         sensor, scan = problem.sensor, problem.scan
         assert sensor is not None
         assert scan is not None
-        self.n = problem.line.n
+        self.elements, self.n = len(sensor.elements), problem.line.n
         self.interval_s = 1 / float(scan.sample_rate_hz(problem.line))
         refuse(
             decay_s[1] < SHORTEST * self.interval_s,

@@ -8,6 +8,7 @@ of it: with one or two elements places are often ambiguous, and decays shorter t
 alike. The grid is refined where the posterior is.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -76,6 +77,12 @@ class Burst(NamedTuple):
         own, slope = model.responses(place), self.amplitude_Pa * model.slopes(place)
         of_decay = self.amplitude_Pa * own * (after - before) / (2 * step)
         return np.stack([own * wave, slope * wave, of_decay])
+
+
+def signals_of(model: BurstModel, bursts: Sequence[Burst]) -> Complex[np.ndarray, "e k"]:
+    """The spectra of what all these bursts add to the signals, in the order of time."""
+    silent = np.zeros((model.elements, model.n // 2 + 1), complex)
+    return sum((each.spectrum(model) for each in bursts), silent)
 
 
 class Others(NamedTuple):

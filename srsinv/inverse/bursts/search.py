@@ -15,7 +15,7 @@ from jaxtyping import Complex
 
 from .everything import Everything
 from .model import BurstModel
-from .posterior import BESIDE, Burst, Grid, OneBurst, Others, SizePrior
+from .posterior import BESIDE, Burst, Grid, OneBurst, Others, SizePrior, signals_of
 
 FALSE_CLAIMS = 0.02  # of passes without bursts, at most
 LOUDER = 1e3
@@ -98,7 +98,7 @@ class BurstSearch:
 
     def without(self, bursts: list[Burst]) -> Complex[np.ndarray, "e k"]:
         """The signals' spectrum less these bursts."""
-        return self.data - sum((each.spectrum(self.model) for each in bursts), 0.0 * self.data)
+        return self.data - signals_of(self.model, bursts)
 
     def _claimed(self, bursts: list[Burst]) -> list[Burst]:
         """Further bursts, far enough from each other."""
@@ -109,9 +109,9 @@ class BurstSearch:
         for sample in np.argsort(heights)[::-1].tolist():
             if heights[sample] < least:  # or looked at with a neighbour
                 continue
-            if any(_apart(n, sample, each.sample) < AWAY for each in added):
+            if any(_samples_between(n, sample, each.sample) < AWAY for each in added):
                 continue
-            if sum(_apart(n, sample, each.sample) <= NEAR for each in bursts) >= CROWD:
+            if sum(_samples_between(n, sample, each.sample) <= NEAR for each in bursts) >= CROWD:
                 continue
             ones = [OneBurst(self.model, rest, self.prior, data) for rest in self.rests]
             grids = [one.around(sample) for one in ones]
@@ -172,14 +172,18 @@ def crowded(n: int, bursts: list[Burst]) -> bool:
     return any(len(_near(n, bursts, j)) >= CROWD for j in range(len(bursts)))
 
 
-def _apart(n: int, one: int, other: int) -> int:
+def _samples_between(n: int, one: int, other: int) -> int:
     """Samples between two, around the circle."""
     return min((one - other) % n, (other - one) % n)
 
 
 def _near(n: int, bursts: list[Burst], j: int) -> list[int]:
     """The bursts near one of them, itself among them."""
-    return [i for i, each in enumerate(bursts) if _apart(n, each.sample, bursts[j].sample) <= NEAR]
+    return [
+        i
+        for i, each in enumerate(bursts)
+        if _samples_between(n, each.sample, bursts[j].sample) <= NEAR
+    ]
 
 
 def _has_near(n: int, bursts: list[Burst], j: int, known: int) -> bool:

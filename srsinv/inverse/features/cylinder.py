@@ -213,11 +213,11 @@ class CylinderLoading(ContactLoading):
     def _own_stderr(self, name: str, part: str, fit: Fit) -> float:
         """The standard error of a parameter if the rig's facts were known exactly."""
         beside = ("base_friction", "offset", *self.also)
-        is_own = np.array([each.startswith((f"{name}.", *beside)) for each in fit.names])
-        own, facts = (fit.covariance[is_own][:, each] for each in (is_own, ~is_own))
-        known = own - facts @ np.linalg.solve(fit.covariance[~is_own][:, ~is_own], facts.T)
-        row = list(np.array(fit.names)[is_own]).index(f"{name}.{part}")
-        return float(np.sqrt(max(known[row, row], 0.0)))
+        is_fact = np.array([not each.startswith((f"{name}.", *beside)) for each in fit.names])
+        own, row = fit.covariance, list(fit.names).index(f"{name}.{part}")
+        of_facts = own[row, is_fact]
+        known = own[row, row] - of_facts @ np.linalg.solve(own[is_fact][:, is_fact], of_facts)
+        return float(np.sqrt(max(known, 0.0)))
 
     def _indistinct(self, name: str, part: str, fit: Fit) -> str:
         most = self._most(name, part, fit)
